@@ -13,11 +13,14 @@
             assert cell.status("encoder_head_a: state").message == "active"
 
 What the cell started is stopped at the end of the `with` block, also when the test fails. To feed a node under test,
-publish on its inputs: `send = cell.publish_blocks(topic)`, then `send(block)`. `cell.run` takes any rclpy node class
-whose constructor has the arguments `context` and `parameter_overrides`.
+publish on its inputs: `send = cell.publish_blocks(topic)`, then `send(block)`; where several nodes listen, name the one
+that must not miss the first: `cell.publish_blocks(topic, "error_estimator")`. That something has ended shows
+`cell.wait_for_silence(blocks)`. `cell.run` takes any rclpy node class whose constructor has the arguments `context` and
+`parameter_overrides`.
 """
 
 from rotary_error_monitor.testing.cell import Cell
 from rotary_error_monitor.testing.processes import NodeProcess
+from rotary_error_monitor.testing.silence import silence
 
-__all__ = ["Cell", "NodeProcess"]
+__all__ = ["Cell", "NodeProcess", "silence"]

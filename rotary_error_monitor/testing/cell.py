@@ -29,6 +29,7 @@ from rotary_error_monitor.nodes.transport import steady_transport
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.testing.domains import LOCALHOST, own_domain
 from rotary_error_monitor.testing.processes import NodeProcess, parameter_arguments, postponed_signals
+from rotary_error_monitor.testing.silence import silence
 
 PATIENCE = 60.0
 """How long to wait for anything, s. Discovery alone may take more than three, and where six processes wait for each
@@ -172,19 +173,35 @@ class Cell:
 
     # Talking and listening.
 
-    def publish_on(self, topic: Topic) -> Callable[[messages.Message], None]:
-        """Function that publishes a message on a topic of the contract, once somebody listens."""
+    def publish_on(self, topic: Topic, *listeners: str) -> Callable[[messages.Message], None]:
+        """Function that publishes a message on a topic of the contract, once it is heard.
+
+        Args:
+            topic: of the contract.
+            listeners: names of the nodes that are to hear it, without namespace. Without any whoever listens will do,
+                which is enough where one node listens: of several, those found later would miss the first messages.
+        """
         publisher = self.node.create_publisher(messages.message_class(topic.type), topic.name, profile(topic))
+        who = ", ".join(listeners) or "someone"
+
+        def is_heard() -> bool:
+            if not listeners:
+                return bool(publisher.get_subscription_count())
+            # the graph knows names, and the publisher how many of those that are listed there it has found
+            there = self.node.get_subscriptions_info_by_topic(topic.name)
+            return {*listeners} <= {each.node_name for each in there} and (
+                publisher.get_subscription_count() >= len(there)
+            )
 
         def send(message: messages.Message) -> None:
-            self.wait_until(lambda: publisher.get_subscription_count() > 0, f"someone to listen to {topic.name}")
+            self.wait_until(is_heard, f"{who} to listen to {topic.name}")
             publisher.publish(message)
 
         return send
 
-    def publish_blocks(self, topic: Topic) -> Callable[[SampleBlock], None]:
+    def publish_blocks(self, topic: Topic, *listeners: str) -> Callable[[SampleBlock], None]:
         """The same for sample blocks."""
-        send = self.publish_on(topic)
+        send = self.publish_on(topic, *listeners)
         return lambda block: send(messages.block_bytes(block, topic.frame))
 
     def collect(self, topic: Topic) -> list[messages.Message]:
@@ -280,16 +297,35 @@ class Cell:
     def wait_until(self, condition: Callable[[], bool], what: str, deadline: float = PATIENCE) -> None:
         """Let everything run until the condition holds.
 
+        A condition that takes long, such as one that asks a browser, leaves the nodes as much time as it takes itself.
+
         Raises:
             TimeoutError: it did not within `deadline` s; the message says how the nodes fared.
             RuntimeError: a process ended meanwhile.
         """
-        end = time.monotonic() + deadline
+        begin = time.monotonic()
+        end = begin + deadline
         while not condition():
             self._check_nodes(what)
-            if time.monotonic() > end:
+            now = time.monotonic()
+            if now > end:
                 raise TimeoutError(f"waited {deadline} s for {what}; diagnostics:\n{self._report()}")
+            until = min(end, now + now - begin)
             self._executor.spin_once(timeout_sec=_STEP)
+            while (left := until - time.monotonic()) > 0:
+                self._executor.spin_once(timeout_sec=min(_STEP, left))
+            begin = time.monotonic()
+
+    def wait_for_silence(self, received: Sequence[object], duration: float = 0.5) -> None:
+        """Let everything run until `received`, a list of `collect`, has not grown for `duration` s.
+
+        To show that something has ended: what was on its way may come late, and then nothing more.
+
+        Raises:
+            TimeoutError: it goes on growing.
+            RuntimeError: a process ended meanwhile.
+        """
+        self.wait_until(silence(received, duration), f"nothing more to come for {duration} s")
 
     def spin_for(self, duration: float) -> None:
         """Let everything run for a while: to show that something does *not* happen.

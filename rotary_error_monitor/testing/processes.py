@@ -14,7 +14,10 @@ from types import FrameType
 
 from rotary_error_monitor.testing.domains import LOCALHOST, discovery_environment
 
-_PATIENCE = 10.0
+_PATIENCE = 60.0
+"""How long to wait for the end of a process, s. Nodes end by themselves within five seconds of what they have to put
+away; where many processes wait for each core, that and the start of one that shall fail take many times as long."""
+
 _LAST_WORDS = 2.0
 _STACKS = {"PYTHONFAULTHANDLER": "1"}
 """Makes a process that is aborted write where each of its threads stood."""

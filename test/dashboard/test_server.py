@@ -14,16 +14,11 @@ import urllib.error
 import urllib.request
 
 import pytest
+from ports import free_port
 
 from rotary_error_monitor.dashboard.board import Action, Board
 from rotary_error_monitor.dashboard.server import WebServer, holder_of, is_own, listen
 from rotary_error_monitor.errors import InputError
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def fetched(port, path="/", headers=None):

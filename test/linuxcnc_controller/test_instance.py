@@ -4,6 +4,7 @@ import os
 import time
 
 import pytest
+from faults.live.other_programs import stated
 
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.linuxcnc_controller import instance as instances
@@ -70,7 +71,7 @@ def test_an_instance_that_does_not_start_is_cleared_away(install, monkeypatch, t
 
 def test_an_isolated_instance_that_does_not_come_up_is_started_again(install, monkeypatch, tmp_path):
     """LinuxCNC hangs in its start now and then; `env` and a script stand for the commands that isolate it."""
-    monkeypatch.setattr(instances, "_START", 1.0)
+    monkeypatch.setattr(instances, "_START", 3.0)  # what comes up does so within this on a busy computer too
     monkeypatch.setattr(instances, "_isolation", lambda: ("env",))
     monkeypatch.setattr(instances, "_child", lambda pid: pid)
     monkeypatch.setattr(instances, "_PRIVATE_TMP", 'exec "$@"')
@@ -89,10 +90,8 @@ def test_an_isolated_instance_that_does_not_come_up_is_started_again(install, mo
 
 def test_an_instance_that_does_not_end_is_ended(install, monkeypatch):
     monkeypatch.setattr(instances, "_STOP", 0.2)
-    begin = time.monotonic()
-    with Instance(install(then="exec sleep 60"), isolated=False) as running:
+    with stated("start and end", 5.0), Instance(install(then="exec sleep 60"), isolated=False) as running:
         pass
-    assert time.monotonic() - begin < 5
     assert not running.is_running
 
 
@@ -140,7 +139,7 @@ def talk(tmp_path):
 
 
 def wait(condition):
-    end = time.monotonic() + 10
+    end = time.monotonic() + 60
     while not condition():
         assert time.monotonic() < end
         time.sleep(0.01)
@@ -167,7 +166,6 @@ def test_a_program_that_does_not_listen_blocks_nobody_and_is_ended(talk):
     for _ in range(10_000):
         connection.send(ClearRequest())
     assert connection.dropped > 0
-    begin = time.monotonic()
-    connection.close()
-    assert time.monotonic() - begin < 3
+    with stated("its end", 3.0):
+        connection.close()
     assert isinstance(records[-1], End)

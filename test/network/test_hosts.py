@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from network.hosts import Host, two_hosts, why_not
+from network.hosts import Cable, Host, two_hosts, why_not
 
 PORT = 7000
 pytestmark = pytest.mark.skipif(bool(why_not()), reason=why_not() or "-")
@@ -31,13 +31,19 @@ def listening(host: Host) -> Iterator[socket.socket]:
         yield own
 
 
-def delays(sender: socket.socket, receiver: socket.socket, count: int) -> list[float]:
-    """Time that each of so many datagrams took, s, of those that arrived."""
+def delays(cable: Cable, sender: socket.socket, receiver: socket.socket, count: int) -> list[float]:
+    """Time that each of so many datagrams took, s, of those that arrived once the cable had seen all of them."""
+    cable.counts()
     sent = []
     for number in range(count):
         sent.append(time.monotonic())
         sender.sendto(number.to_bytes(2, "big") + bytes(1000), (receiver.getsockname()[0], PORT))
         time.sleep(0.001)
+    seen, end = 0, time.monotonic() + 60
+    while seen < count:
+        assert time.monotonic() < end, f"the cable has seen {seen} of {count}"
+        seen += sum(cable.counts())
+        time.sleep(0.01)
     found = []
     try:
         while True:
@@ -51,11 +57,11 @@ def test_the_cable_delays_loses_and_is_cut():
     with two_hosts() as cable, listening(cable.hosts[0]) as one, listening(cable.hosts[1]) as other:
         for sender, receiver in ((one, other), (other, one)):
             cable.impair()
-            assert len(delays(sender, receiver, 50)) == 50
+            assert len(delays(cable, sender, receiver, 50)) == 50
             cable.impair(loss=0.2)
-            assert 120 < len(delays(sender, receiver, 200)) < 195
+            assert 120 < len(delays(cable, sender, receiver, 200)) < 195
             cable.cut()
-            assert delays(sender, receiver, 20) == []
+            assert delays(cable, sender, receiver, 20) == []
         cable.impair(delay=0.02, jitter=0.01)
         took = []
         receiver.setblocking(True)
@@ -65,7 +71,8 @@ def test_the_cable_delays_loses_and_is_cut():
             receiver.recv(2000)
             took.append(time.monotonic() - begin)
         assert min(took) >= 0.01
-        assert 0.015 < np.median(took) < 0.03
+        assert np.median(took) > 0.015
+        assert np.quantile(took, 0.1) < 0.02, "where the cable gets a processor in time: 0.01 to 0.03"
 
 
 def test_hosts_share_nothing_with_this_computer_and_one_another():

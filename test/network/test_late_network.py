@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import pytest
 from faults.documenting import Row, shows
+from faults.live.other_programs import stated
 
 from network.hosts import Host, two_hosts, why_not
 from rotary_error_monitor.testing import Cell, NodeProcess
@@ -90,7 +91,8 @@ def _run() -> Heard:
         assert head.stop() == 0, head.ending
         head = start()
         cell.wait_until(lambda: ": active" in head.output, "the head started anew", 60.0)
-        cell.wait_until(lambda: len(received) > late, "its samples", DISCOVERY)
+        with stated("its first samples", DISCOVERY):
+            cell.wait_until(lambda: len(received) > late, "its samples")
         assert head.stop() == 0, head.ending
         return Heard(before, late, len(received) - late)
 

@@ -9,7 +9,17 @@ import numpy as np
 
 from rotary_error_monitor.codec.error_motion_blocks import error_motion_from_block
 from rotary_error_monitor.nodes import messages
+from rotary_error_monitor.pipeline.estimation import EstimatorSettings
 from rotary_error_monitor.recordings.replayed import Replay
+
+PATIENCE = 1.0
+"""Time, s, that the estimator waits for a block that is late, as it is where many processes share few cores."""
+
+ESTIMATOR = {"period": 0.005, "check_turns": 0.0, "patience": PATIENCE}
+"""Parameters of the estimator of a cell whose recording is replayed."""
+
+REPLAY = EstimatorSettings(period_ns=5_000_000, check_turns=0.0, patience_ns=round(PATIENCE * 1e9))
+"""The same for the replay."""
 
 REPEATED = 0.9
 """Least share of the estimates that a replay repeats with the same streams.

@@ -23,6 +23,7 @@ from rotary_error_monitor.nodes.compensation import Compensation
 from rotary_error_monitor.nodes.mock_controller import MockController
 from rotary_error_monitor.pipeline.corrections import OFFSET
 from rotary_error_monitor.signals.blocks import block_from_samples
+from rotary_error_monitor.testing import silence
 
 STEP_NS = 20_000_000
 ALL_BUT_AXIAL = 0b111011
@@ -58,7 +59,7 @@ class MotionFeed:
             self.send(exc, theta_offset)
             return condition()
 
-        self._cell.wait_until(fed, what, 30)
+        self._cell.wait_until(fed, what)
 
     def run_for(self, seconds: float, **motion: float) -> None:
         end_ns = self._cell.node.get_clock().now().nanoseconds + round(seconds * 1e9)
@@ -144,12 +145,10 @@ def test_joint_states_stop(cell, feed, corrections):
     controller.trigger_deactivate()
     stopped_ns = cell.node.get_clock().now().nanoseconds
     feed.run_until(is_held_for(cell, "no joint states for"), "the reason")
-    feed.run_for(0.5)  # what was on its way by then
+    feed.run_until(silence(corrections), "no more corrections")
     newest = corrections[-1].header.stamp
     assert messages.ns_from_stamp(newest) < stopped_ns + 700_000_000
     before = len(corrections)
-    feed.run_for(0.5)
-    assert len(corrections) == before
     controller.trigger_activate()
     feed.run_until(lambda: len(corrections) > before, "corrections again")
     feed.run_until(lambda: not cell.has_status("compensation: correction", "held"), "a word that they flow")
@@ -161,10 +160,8 @@ def test_error_motion_stops_and_comes_back(cell, feed, corrections):
     cell.wait_for_status("compensation: correction", "held: no error motion yet")
     feed.run_until(lambda: len(corrections) > 10, "corrections")
     cell.wait_for_status("compensation: correction", "held: no error motion for")
-    cell.spin_for(0.3)  # what was on its way by then
+    cell.wait_for_silence(corrections)
     before = len(corrections)
-    cell.spin_for(0.3)
-    assert len(corrections) == before
     feed.run_until(lambda: len(corrections) > before, "corrections again")
     step = np.abs(np.subtract(corrections[before].position, corrections[before - 1].position))
     assert (step[:3] <= 2e-3 * 0.1 + 1e-12).all(), "no jump: the pause counts for the rate limit as a short one"
@@ -191,13 +188,10 @@ def test_an_error_limit_latches_until_it_is_reset(cell, feed, corrections):
     cell.run(MockController, "mock_controller", machine="xyzac_trt")
     cell.run(Compensation, "compensation", machine="xyzac_trt", **RELAXED)
     feed.run_until(lambda: len(corrections) > 10, "corrections")
-    feed.run_for(0.2, exc=1e-3)
-    feed.run_until(is_held_for(cell, "error limit latched until ~/reset is called: correction"), "the latch")
-    feed.run_for(0.3)  # what was on its way by then
+    feed.run_until(is_held_for(cell, "error limit latched until ~/reset is called: correction"), "the latch", exc=1e-3)
+    feed.run_until(silence(corrections), "it to hold though what made it latch is gone")
     assert all(abs(value) <= 5e-4 for message in corrections for value in list(message.position)[:3])
     before = len(corrections)
-    feed.run_for(0.5)
-    assert len(corrections) == before, "what made it latch is gone, yet it holds"
     answer = cell.call(Trigger, "/compensation/reset")
     assert answer.success
     assert "beyond the error limit" in answer.message
@@ -234,10 +228,14 @@ def test_of_two_thermometers_none_is_believed_and_corrections_hold(cell, feed, c
         return is_held_for(cell, TWO.format(topic=temperature.name))()
 
     feed.run_until(is_held, "the reason")
-    feed.run_for(0.3)  # what was on its way by then
+    is_silent = silence(corrections)
+
+    def is_held_and_silent() -> bool:
+        is_held()  # speaks
+        return is_silent()
+
+    feed.run_until(is_held_and_silent, "no more corrections while both speak")
     before = len(corrections)
-    feed.run_for(0.3)
-    assert len(corrections) == before
     feed.run_until(lambda: len(corrections) > before, "corrections of one thermometer")
 
 
@@ -301,13 +299,11 @@ def test_the_estimator_is_killed_and_comes_back(cell, corrections):
     estimator = cell.start("error_estimator", period=0.005)
     cell.wait_until(lambda: len(corrections) > 10, "corrections", 90)
     estimator.send(signal.SIGKILL)
-    cell.wait_until(is_held_for(cell, "no error motion for"), "the reason", 30)
-    cell.spin_for(0.3)  # what was on its way by then
+    cell.wait_until(is_held_for(cell, "no error motion for"), "the reason")
+    cell.wait_for_silence(corrections)
     before = len(corrections)
-    cell.spin_for(0.5)
-    assert len(corrections) == before
     cell.start("error_estimator", period=0.005)
-    cell.wait_until(lambda: len(corrections) > before + 10, "corrections again", 60)
+    cell.wait_until(lambda: len(corrections) > before + 10, "corrections again")
     positions = np.array([message.position for message in corrections])
     stamps = np.array([messages.ns_from_stamp(message.header.stamp) for message in corrections])
     assert (np.diff(stamps) > 0).all()

@@ -168,9 +168,13 @@ def test_two_publishers_that_swing_an_axis_hold_it_until_one_is_left(mock, appli
     mock.wait_until(swing, "the second publisher to be said")
     assert mock.status(STATUS).level == b"\x02"
     begin = len(applied)
-    mock.wait_until(lambda: swing() and len(applied) > begin + 10, "half a second of that")
-    held = {each.position[0] for each in applied[begin + 2 :]}
-    assert len(held) == 1, "at rest, wherever the first words of the second had it"
+
+    def rests():
+        """For half a second, wherever the first words of the second had it."""
+        swing()
+        return len(applied) > begin + 10 and len({each.position[0] for each in applied[-10:]}) == 1
+
+    mock.wait_until(rests, "the axis to rest while both speak")
     second.end()
     first.until(lambda: is_applied(applied), "the one that is left to be followed")
     first.until(lambda: mock.status(STATUS).message.startswith("applied"), "the mock to say so")

@@ -38,7 +38,7 @@ def test_two_processes_see_the_same_rotor(cell, plant):
     blocks = [cell.collect(cell.wire.topic("head_samples", head)) for head in "ab"]
     for head in "ab":
         cell.start("encoder_head", f"encoder_head_{head}", source="mock")
-    cell.wait_until(lambda: all(len(each) > 2 for each in blocks), "blocks of both", 30)
+    cell.wait_until(lambda: all(len(each) > 2 for each in blocks), "blocks of both")
     for head, received in zip("ab", blocks, strict=True):
         block = messages.block_from_message(received[-1])
         assert_samples(block, plant, f"head_{head}")

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import signal
 
 import numpy as np
 import pytest
 from faults.documenting import Row, shows
+from faults.live.other_programs import check, lost_time
 from nodes.plant_samples import assert_figures
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import PointCloud2
@@ -20,7 +22,8 @@ from rotary_error_monitor.nodes.error_estimator import ErrorEstimator
 from rotary_error_monitor.nodes.mock_controller import MockController
 from rotary_error_monitor.pipeline.evidence import WINDOW_NS
 from rotary_error_monitor.resources import config
-from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
+from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock, block_from_samples
+from rotary_error_monitor.testing.cell import PATIENCE
 
 COMPONENTS = ("exc", "eyc", "ezc", "eac", "ebc", "ecc")
 PERIOD = 0.005
@@ -66,11 +69,22 @@ def newest_mask(received):
     return int(messages.block_from_message(received[-1]).column("streams")[-1])
 
 
+def whole_ns(received):
+    """Stamp (ns) of the first estimate that all streams were used for; 0 where there is none yet."""
+    for block in map(messages.block_from_message, received):
+        whole = block.times_ns[block.column("streams") == 0b111111]
+        if whole.size:
+            return int(whole[0])
+    return 0
+
+
 def test_all_streams_give_all_components_but_the_axial_one(cell, estimates, sensors, plant):
     poses = cell.collect(cell.wire.topic("error_motion_pose"))
     figures = cell.collect(cell.wire.topic("error_motion_figures"))
     cell.run(ErrorEstimator, "error_estimator", period=PERIOD, check_turns=0.0)
-    cell.wait_until(lambda: len(estimates) > 10 and len(poses) > 2 and len(figures) > 4, "estimates", 30)
+    cell.wait_for_status("error_estimator: estimate", "complete")
+    count = len(figures)
+    cell.wait_until(lambda: len(estimates) > 10 and len(poses) > 2 and len(figures) > count + 4, "estimates")
     assert check_against_truth(estimates[2:], plant) == {"exc", "eyc", "eac", "ebc", "ecc"}
     covariance = np.reshape(poses[-1].pose.covariance, (6, 6))
     assert covariance[2, 2] == -1.0
@@ -87,7 +101,7 @@ def test_radial_error_motion_goes_out_at_the_heights_that_are_named(cell, sensor
     received = cell.collect(cell.wire.topic("error_motion_heights_samples"))
     figures = cell.collect(cell.wire.topic("error_motion_heights_figures"))
     cell.run(ErrorEstimator, "error_estimator", period=PERIOD, check_turns=0.0, heights=heights)
-    cell.wait_until(lambda: len(received) > 10 and len(figures) > 4, "radial error motion at heights", 30)
+    cell.wait_until(lambda: len(received) > 10 and len(figures) > 4, "radial error motion at heights")
     for message in received[2:]:
         block = messages.block_from_message(message)
         height, seen = block.column("height"), block.column("observable") == 1.0
@@ -138,7 +152,7 @@ def test_heads_that_are_slower_than_max_gap_are_named(cell, estimates, rate):
 
 def test_heads_die_one_after_another(cell, estimates, sensors, plant):
     cell.run(ErrorEstimator, "error_estimator", period=PERIOD, check_turns=0.0)
-    cell.wait_until(lambda: len(estimates) > 5, "estimates", 30)
+    cell.wait_until(lambda: len(estimates) > 5, "estimates")
 
     cell.remove(sensors["head_a"])
     cell.wait_for_status("error_estimator: estimate", "without head_a")
@@ -153,10 +167,8 @@ def test_heads_die_one_after_another(cell, estimates, sensors, plant):
 
     cell.remove(sensors["head_c"])
     cell.wait_for_status("error_estimator: estimate", "too few heads")
-    cell.spin_for(0.3)  # what was on its way by then
+    cell.wait_for_silence(estimates)
     before = len(estimates)
-    cell.spin_for(0.5)
-    assert len(estimates) == before
     cell.run(EncoderHead, "encoder_head_c", source="mock")
     cell.wait_until(lambda: len(estimates) > before + 5, "estimates with the head that came back")
     check_against_truth(estimates[2:], plant)
@@ -172,7 +184,7 @@ def test_two_neighbouring_heads_are_not_called_too_few(cell):
 
 def test_autocollimator_and_command_go_stale(cell, estimates, sensors, plant):
     cell.run(ErrorEstimator, "error_estimator", period=PERIOD, check_turns=0.0)
-    cell.wait_for_status("error_estimator: estimate", "complete", 30)
+    cell.wait_for_status("error_estimator: estimate", "complete")
     sensors["autocollimator"].trigger_deactivate()
     name = "error_estimator: estimate"
     cell.wait_until(
@@ -189,13 +201,13 @@ def test_autocollimator_and_command_go_stale(cell, estimates, sensors, plant):
 
 def test_the_estimator_is_killed_and_comes_back(cell, estimates, sensors, plant):
     process = cell.start("error_estimator", period=PERIOD, check_turns=0.0)
-    cell.wait_until(lambda: len(estimates) > 5, "estimates", 60)
+    cell.wait_until(lambda: len(estimates) > 5, "estimates")
     process.send(signal.SIGKILL)
     cell.wait_until(lambda: process.exit_code is not None, "end of the process")
-    cell.spin_for(0.3)
+    cell.wait_for_silence(estimates)  # what was on its way by then
     before = len(estimates)
     cell.start("error_estimator", period=PERIOD, check_turns=0.0)
-    cell.wait_until(lambda: len(estimates) > before + 5, "estimates of its successor", 60)
+    cell.wait_until(lambda: len(estimates) > before + 5, "estimates of its successor")
     stamps = [message.header.stamp.sec * 10**9 + message.header.stamp.nanosec for message in estimates]
     assert stamps == sorted(stamps)
     check_against_truth(estimates[2:before] + estimates[before + 2 :], plant)
@@ -218,14 +230,18 @@ def test_what_is_old_or_no_block_is_refused(cell, estimates):
     assert estimates == []
 
 
-def send_blocks(cell, plant, duration_ns, change=lambda stream, block: block):
-    """Blocks of 50 ms of all instruments in step with the clock, each as `change` makes it; when they began (ns)."""
+def send_blocks(cell, plant, duration_ns, change, until):
+    """Blocks of 50 ms of all instruments in step with the clock, each as `change` makes it; when they began (ns).
+
+    For so long at least, and until a condition holds: of a computer that was busy for half a second all is too old.
+    """
     streams = [f"head_{head}" for head in "abcd"] + ["autocollimator", "command"]
     topics = [cell.wire.topic("head_samples", head) for head in "abcd"]
     topics += [cell.wire.topic("autocollimator_samples"), cell.wire.topic("command_samples")]
     send = dict(zip(streams, map(cell.publish_blocks, topics), strict=True))
     began_ns = sent_ns = cell.node.get_clock().now().nanoseconds
-    while sent_ns < began_ns + duration_ns:
+    while sent_ns < began_ns + duration_ns or not until():
+        assert sent_ns < began_ns + PATIENCE * NANOSECONDS, f"waited {PATIENCE} s; diagnostics: {cell.statuses}"
         for stream, publish in send.items():
             first = plant.index_at(stream, sent_ns)
             count = plant.index_at(stream, sent_ns + 50_000_000) - first
@@ -238,16 +254,21 @@ def send_blocks(cell, plant, duration_ns, change=lambda stream, block: block):
 def test_a_head_that_contradicts_the_others_is_told_and_left_out(cell, estimates, plant):
     """One head jumps by ten lines: which one, its course tells."""
     cell.run(ErrorEstimator, "error_estimator", period=PERIOD, check_turns=0.0)
-    jump_ns = cell.node.get_clock().now().nanoseconds + 600_000_000
-    jump_ns -= jump_ns % WINDOW_NS  # of a jump within a window that shows but a part, which is told as a scatter
+    jump_ns = 2**62
 
     def change(stream, block):
+        nonlocal jump_ns
+        if jump_ns == 2**62 and len(estimates) > 8 and newest_mask(estimates) & 0b1111 == 0b1111:
+            jump_ns = int(block.times_ns[-1]) + 200_000_000
+            jump_ns -= jump_ns % WINDOW_NS  # of a jump within a window that shows but a part, told as a scatter
         jumped = block.rows.copy()
         jumped[:, 1] += np.where(block.times_ns > jump_ns, 2e-3, 0.0) if stream == "head_a" else 0.0
         return SampleBlock(block.stamp_ns, block.names, jumped)
 
-    send_blocks(cell, plant, 1_200_000_000, change)
-    cell.wait_until(lambda: newest_mask(estimates) & 0b1111 == 0b1110, "estimates from three heads")
+    def three_are_left():
+        return bool(estimates) and newest_mask(estimates) & 0b1111 == 0b1110
+
+    send_blocks(cell, plant, 1_200_000_000, change, three_are_left)
     status = cell.wait_for_status("error_estimator: estimate", "head_a: off by ")
     counts = float(status.message.partition("head_a: off by ")[2].split()[0])
     assert counts == pytest.approx(2e-3 / RESOLUTION, rel=0.2), "by as much as it jumped, in the mean over a window"
@@ -267,8 +288,9 @@ def test_heads_that_contradict_one_another_from_the_start_publish_nothing(cell, 
     def change(stream, block):
         return SampleBlock(block.stamp_ns, block.names, block.rows + [0.0, 5e-4] if stream == "head_a" else block.rows)
 
-    send_blocks(cell, plant, 1_000_000_000, change)
-    status = cell.wait_for_status("error_estimator: estimate", "nothing tells which is wrong")
+    name, words = "error_estimator: estimate", "nothing tells which is wrong"
+    send_blocks(cell, plant, 1_000_000_000, change, lambda: cell.has_status(name, words))
+    status = cell.wait_for_status(name, words)
     assert status.level == b"\x02"
     assert estimates == []
     assert cell.call(Trigger, "/error_estimator/reset").message.startswith("believed again: heads")
@@ -286,7 +308,8 @@ def test_heads_that_contradict_one_another_from_the_start_publish_nothing(cell, 
 )
 @pytest.mark.parametrize("ahead_ns", [10_000_000_000, 3_600_000_000_000, 365 * 86_400_000_000_000])
 def test_stamps_from_the_future_silence_nothing(cell, estimates, plant, ahead_ns):
-    cell.run(ErrorEstimator, "error_estimator", period=PERIOD, check_turns=0.0)
+    # patience: on a loaded computer a block may come late
+    cell.run(ErrorEstimator, "error_estimator", period=PERIOD, check_turns=0.0, patience=2.0)
     wrong = []
 
     def change(stream, block):
@@ -295,13 +318,10 @@ def test_stamps_from_the_future_silence_nothing(cell, estimates, plant, ahead_ns
             return SampleBlock(block.stamp_ns + ahead_ns, block.names, block.rows)
         return block
 
-    began_ns = send_blocks(cell, plant, 1_000_000_000, change)
+    with lost_time(lambda: [os.getpid()]) as lost:
+        send_blocks(cell, plant, 1_000_000_000, change, lambda: whole_ns(estimates))
+        check("all streams again", whole_ns(estimates) - wrong[0], 0.8, lost())
     cell.wait_for_status(f"error_estimator: refused {cell.wire.topic('head_samples', 'b').name}", "in the future")
-    # a computer that was busy may publish all of the end in one block
-    cell.wait_until(
-        lambda: messages.block_from_message(estimates[-1]).times_ns[-1] > began_ns + 800_000_000, "estimates to the end"
-    )
-    assert newest_mask(estimates) == 0b111111
     check_against_truth(estimates, plant)
 
 
@@ -315,10 +335,13 @@ def test_two_publishers_of_a_head_are_told_and_the_head_is_left_out(cell, estima
             second(SampleBlock(block.stamp_ns + 1_000_000, block.names, block.rows + [0.0, 1e-4]))
         return block
 
-    send_blocks(cell, plant, 2_000_000_000, change)
-    status = cell.wait_for_status(f"error_estimator: publishers of {topic.name}", "several publishers share")
-    assert "test_harness" in status.message
-    assert newest_mask(estimates) & 0b1111 == 0b1011
+    name, words = f"error_estimator: publishers of {topic.name}", "several publishers share"
+
+    def is_left_out():
+        return bool(estimates) and newest_mask(estimates) & 0b1111 == 0b1011 and cell.has_status(name, words)
+
+    send_blocks(cell, plant, 2_000_000_000, change, is_left_out)
+    assert "test_harness" in cell.wait_for_status(name, words).message
 
 
 def test_an_eccentricity_that_nobody_calibrated_is_said(cell, sensors, tmp_path):

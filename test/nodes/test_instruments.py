@@ -15,6 +15,7 @@ import pytest
 from faults.documenting import Row, shows
 from geometry_msgs.msg import Vector3Stamped
 from nodes.plant_samples import assert_sample, assert_samples
+from ports import free_port
 from sensor_msgs.msg import JointState
 
 from rotary_error_monitor.description.machine import load_machine
@@ -220,9 +221,7 @@ def test_a_device_of_another_package_serves_a_node_and_is_put_away_with_it(cell,
     """The example of `doc/devices.md`: its port is free again after a clean-up, for a new start."""
     example = Path(__file__).parents[2] / "doc" / "examples" / "udp_encoder"
     install(example, tomllib.loads((example / "pyproject.toml").read_text(encoding="utf-8"))["project"]["entry-points"])
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as box:
-        box.bind(("127.0.0.1", 0))
-        port = box.getsockname()[1]
+    port = free_port(socket.SOCK_DGRAM)
     blocks = cell.collect(cell.wire.topic("head_samples", "a"))
     head = cell.run(EncoderHead, "encoder_head_a", source="udp", udp__port=port)
     assert head.describe_parameter("udp.port").description.startswith("port that the box sends to")

@@ -63,8 +63,9 @@ class Recorded:
                 if connection.msgtype != "sensor_msgs/msg/PointCloud2":
                     self.last[connection.topic] = message = reader.deserialize(data, connection.msgtype)
                     for status in getattr(message, "status", ()):
-                        figures = {each.key: each.value for each in status.values}
-                        self.told[status.hardware_id, status.name] = figures
+                        told = self.told.setdefault((status.hardware_id, status.name), {})
+                        # a figure of a cell that holds for a moment is none then
+                        told |= {each.key: each.value for each in status.values if each.value != "none"}
 
 
 @pytest.fixture(scope="module")

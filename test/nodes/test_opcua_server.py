@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 import signal
-import socket
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -18,7 +17,9 @@ from asyncua import ua
 from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
 from asyncua.sync import Client
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from faults.live.other_programs import stated
 from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
+from ports import free_port
 from sensor_msgs.msg import JointState, Temperature
 from std_msgs.msg import Header
 
@@ -30,6 +31,7 @@ from rotary_error_monitor.nodes.opcua_server import OpcuaServer
 from rotary_error_monitor.opcua import server
 from rotary_error_monitor.security.users import add_user
 from rotary_error_monitor.testing import Cell
+from rotary_error_monitor.testing.cell import PATIENCE
 
 DOC = Path(__file__).parents[2] / "doc"
 AXES = {"X": "µm", "Y": "µm", "Z": "µm", "A": "µrad", "C": "µrad"}
@@ -41,19 +43,13 @@ MOTION = dict(zip(("exc", "eyc", "ezc", "eac", "ebc", "ecc"), ["µm"] * 3 + ["µ
 OFFSET = dict(zip("xyzabc", ["µm"] * 3 + ["µrad"] * 3, strict=True))
 
 
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
 @pytest.fixture(scope="module")
 def place():
     """A cell with a server, a client of it, and functions that publish on what the server hears."""
     with Cell(parameters={"machine": MACHINE}) as cell:
         port = free_port()
         cell.run(OpcuaServer, "opcua_server", port=port, period=0.02)
-        with Client(f"opc.tcp://127.0.0.1:{port}/") as client:
+        with Client(f"opc.tcp://127.0.0.1:{port}/", timeout=PATIENCE) as client:
             yield Place(cell, client, port)
 
 
@@ -195,15 +191,19 @@ def test_quality_follows_the_level_of_who_judges(place):
             place.say({"error_estimator: estimate": level}, now_ns)
             place.send["error_motion_figures"](figures([1.5, math.nan, 0, 4, 5, 6], now_ns))
 
-        place.wait(send, lambda quality=quality: place.quality("error_motion/exc") == quality, quality)
-        send()
-        value = place.read("error_motion/exc")
-        assert value.Value.Value == (None if level == 2 else 1.5)
-        assert place.quality("error_motion/eyc") == ("BadDeviceFailure" if level == 2 else "BadSensorFailure")
-        # the report itself is good; what it speaks of is not
-        level_node = place.read("health/error_estimator: estimate/level")
-        assert (level_node.Value.Value, level_node.StatusCode.name) == (float(level), "Good")
-        assert place.quality("health/error_estimator: estimate/usable") == quality
+        expected = {
+            "error_motion/exc": (None if level == 2 else 1.5, quality),
+            "error_motion/eyc": (None, "BadDeviceFailure" if level == 2 else "BadSensorFailure"),
+            # the report itself is good; what it speaks of is not
+            "health/error_estimator: estimate/level": (float(level), "Good"),
+        }
+
+        def shown(expected=expected, quality=quality):
+            found = {path: place.read(path) for path in expected}
+            same = {path: (value.Value.Value, value.StatusCode.name) for path, value in found.items()} == expected
+            return same and place.quality("health/error_estimator: estimate/usable") == quality
+
+        place.wait(send, shown, quality)
 
 
 def test_what_falls_silent_is_bad_and_a_subscriber_is_told(place):
@@ -254,8 +254,13 @@ def test_the_verdict_of_the_diagnosis_and_the_latch(place):
     def send():
         place.say({"gap_monitor: verdict": 1, "compensation: correction": 2}, time.time_ns(), **said)
 
-    place.wait(send, lambda: all(place.read(path).Value.Value == value for path, value in shown.items()), "figures")
-    assert {place.quality(path) for path in shown} == {"Good"}
+    def all_good():
+        found = {path: place.read(path) for path in shown}
+        return {path: (value.Value.Value, value.StatusCode.name) for path, value in found.items()} == {
+            path: (value, "Good") for path, value in shown.items()
+        }
+
+    place.wait(send, all_good, "figures")
     assert place.node("gap/age").get_child("0:EngineeringUnits").read_value().DisplayName.Text == "s"
 
     def stale():
@@ -359,7 +364,7 @@ def keys(tmp_path_factory):
 
 
 def encrypted_client(keys, port, user, password):
-    client = Client(f"opc.tcp://127.0.0.1:{port}/")
+    client = Client(f"opc.tcp://127.0.0.1:{port}/", timeout=PATIENCE)
     client.application_uri = "urn:rotary_error_monitor:opcua_server"
     mine = keys / "client"
     client.set_security(SecurityPolicyBasic256Sha256, str(mine / "certificate.pem"), str(mine / "key.pem"))
@@ -373,7 +378,7 @@ def refuse_without_encryption(port, monkeypatch):
     """No such endpoint is offered; a client that does not care what is offered is refused all the same."""
 
     def plain():
-        client = Client(f"opc.tcp://127.0.0.1:{port}/")
+        client = Client(f"opc.tcp://127.0.0.1:{port}/", timeout=PATIENCE)
         client.set_user("ann")
         client.set_password("correct horse")
         return client
@@ -417,8 +422,8 @@ def test_an_encrypted_server_lets_its_users_in_who_may_reset(keys, monkeypatch):
 
             assert reset() == [False, "no compensation answers /compensation/reset; is it running?"]
             cell.run(Compensation, "compensation", linear__error=3e-4)
-            cell.wait_until(lambda: reset()[0], "the compensation")
-            assert reset() == [True, "nothing was latched"]
+            # until the server has found it, and where it is late on a busy computer, the answer says so
+            cell.wait_until(lambda: reset() == [True, "nothing was latched"], "the compensation's answer")
             limit = client.get_node(ua.NodeId("compensation/linear_error", index))
             cell.wait_until(lambda: limit.read_data_value(False).Value.Value == 300.0, "the limit")
             span = client.get_node(ua.NodeId("axis_corrections/X/EURange", index)).read_value()
@@ -430,7 +435,8 @@ def test_it_ends_at_once_on_a_signal_though_clients_are_there():
         port = free_port()
         process = cell.start("opcua_server", port=port)
         cell.wait_for_status("opcua_server: server", "serving, not encrypted, to everybody, to read only")
-        with Client(f"opc.tcp://127.0.0.1:{port}/") as client:
+        with Client(f"opc.tcp://127.0.0.1:{port}/", timeout=PATIENCE) as client:
             assert client.nodes.objects.get_child("2:cell")
             # a second and a half where nothing else runs
-            assert process.stop(signal.SIGINT, deadline=6.0) == 0
+            with stated("its end", 6.0):
+                assert process.stop(signal.SIGINT) == 0

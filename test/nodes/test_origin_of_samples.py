@@ -158,10 +158,11 @@ def test_a_bag_says_which_of_its_streams_were_simulated(cell, tmp_path, namespac
     driver = cell.node.create_publisher(JointState, f"{namespace}/joint_states", 10)
     own = f"{namespace.lstrip('/')}/recorder".lstrip("/")
 
+    topics = {f"/stage/head_{head}/{kind}" for head in "ab" for kind in ("samples", "joint_states")}
+
     def heard():
         driver.publish(messages.joint_state_message(beside.now_ns(), "", ["spindle"], [0.5]))
-        told = cell.figures(f"{own}: recording")["silent_topics"]
-        return "head_a" not in told and "head_b" not in told
+        return cell.recorder_hears(topics, own)
 
     cell.status(f"{own}: recording")
     cell.wait_until(heard, "the recorder to hear both heads")
@@ -182,9 +183,7 @@ def test_a_bag_says_which_of_its_streams_were_simulated(cell, tmp_path, namespac
 def test_the_bag_of_a_cell_without_a_mock_says_nothing(cell, tmp_path):
     recorder = cell.run(Recorder, "recorder", folder=str(tmp_path / "bag"))
     cell.run(EncoderHead, "encoder_head_b", source="joint_state")
-    cell.wait_until(
-        lambda: "/diagnostics" not in cell.figures("recorder: recording")["silent_topics"], "diagnostics in the bag"
-    )
+    cell.wait_until(lambda: cell.recorder_hears({"/diagnostics"}), "diagnostics in the bag")
     cell.remove(recorder)
     assert SIMULATED not in read_metadata(tmp_path / "bag").notes
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 from nodes.mock_cells import mock_parameters
-from nodes.replayed_motion import REPEATED, assert_repeated
+from nodes.replayed_motion import ESTIMATOR, REPEATED, REPLAY, assert_repeated
 
 from rotary_error_monitor.codec.error_motion_blocks import error_motion_from_block
 from rotary_error_monitor.description.machine import load_machine
@@ -24,7 +24,6 @@ from rotary_error_monitor.nodes.error_estimator import ErrorEstimator
 from rotary_error_monitor.nodes.gap_monitor import GapMonitor
 from rotary_error_monitor.nodes.mock_controller import MockController
 from rotary_error_monitor.nodes.recorder import Recorder
-from rotary_error_monitor.pipeline.estimation import EstimatorSettings
 from rotary_error_monitor.recordings.replay import replay_bag
 from rotary_error_monitor.resources import config
 from rotary_error_monitor.sources.mock import mock_stage
@@ -59,9 +58,9 @@ def test_error_motion_and_corrections_from_five_heads_alone(five, settings, stag
         five.run(EncoderHead, f"encoder_head_{head}", source="mock")
     five.run(MockController, "mock_controller", machine="xyzac_trt")
     five.run(GapMonitor, "gap_monitor")
-    five.run(ErrorEstimator, "error_estimator", period=0.005, check_turns=0.0)
+    five.run(ErrorEstimator, "error_estimator", **ESTIMATOR)
     five.run(Compensation, "compensation", machine="xyzac_trt")
-    five.wait_until(lambda: len(estimates) > 10 and len(corrections) > 10, "estimates and corrections", 60)
+    five.wait_until(lambda: len(estimates) > 10 and len(corrections) > 10, "estimates and corrections")
     five.forget_status("error_estimator: estimate")
     five.wait_for_status("error_estimator: estimate", "complete")
     five.wait_for_status("compensation: correction", "tilt from the description: no autocollimator is heard")
@@ -90,9 +89,7 @@ def test_error_motion_and_corrections_from_five_heads_alone(five, settings, stag
     assert listed in used, "the estimate that was called complete"
     assert np.mean(whole) > REPEATED
 
-    replayed = replay_bag(
-        tmp_path / "bag", stage, load_machine("xyzac_trt"), EstimatorSettings(period_ns=5_000_000, check_turns=0.0)
-    )
+    replayed = replay_bag(tmp_path / "bag", stage, load_machine("xyzac_trt"), REPLAY)
     assert_repeated(estimates, replayed)
 
 
@@ -104,8 +101,8 @@ def test_a_recording_with_an_autocollimator_that_the_description_does_not_have(c
         cell.run(EncoderHead, f"encoder_head_{head}", source="mock")
     cell.run(Autocollimator, "autocollimator", source="mock")
     cell.run(MockController, "mock_controller")
-    cell.run(ErrorEstimator, "error_estimator", period=0.005, check_turns=0.0)
-    cell.wait_until(lambda: len(estimates) > 10, "estimates", 60)
+    cell.run(ErrorEstimator, "error_estimator", **ESTIMATOR)
+    cell.wait_until(lambda: len(estimates) > 10, "estimates")
     cell.remove(recorder)
     replayed = replay_bag(tmp_path / "bag", replace(load_stage(), autocollimator=None))
     (said,) = [remark for remark in replayed.remarks if "cannot be repeated" in remark]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from nodes.mock_cells import mock_parameters
 from nodes.probes import INSTEAD, SECOND, stage_with_probes_instead
-from nodes.replayed_motion import assert_repeated
+from nodes.replayed_motion import ESTIMATOR, REPLAY, assert_repeated
 
 from rotary_error_monitor.codec.error_motion_blocks import error_motion_from_block
 from rotary_error_monitor.description.machine import load_machine
@@ -18,7 +18,6 @@ from rotary_error_monitor.nodes.gap_monitor import GapMonitor
 from rotary_error_monitor.nodes.listed_sensor import ListedSensorNode
 from rotary_error_monitor.nodes.mock_controller import MockController
 from rotary_error_monitor.nodes.recorder import Recorder
-from rotary_error_monitor.pipeline.estimation import EstimatorSettings
 from rotary_error_monitor.recordings.replay import replay_bag
 from rotary_error_monitor.sources.mock import mock_stage
 from rotary_error_monitor.testing import Cell
@@ -41,8 +40,8 @@ def test_all_six_components_are_observable_and_right(settings, tmp_path, sensors
             cell.run(ListedSensorNode, f"listed_sensor_{name}", source="mock")
         cell.run(MockController, "mock_controller", machine="xyzac_trt")
         cell.run(GapMonitor, "gap_monitor")
-        cell.run(ErrorEstimator, "error_estimator", period=0.005, check_turns=0.0)
-        cell.wait_until(lambda: len(estimates) > 10, "estimates", 60)
+        cell.run(ErrorEstimator, "error_estimator", **ESTIMATOR)
+        cell.wait_until(lambda: len(estimates) > 10, "estimates")
         cell.forget_status("error_estimator: estimate")
         cell.wait_for_status("error_estimator: estimate", "complete")
         for stream in stage.sensors:
@@ -61,7 +60,5 @@ def test_all_six_components_are_observable_and_right(settings, tmp_path, sensors
         assert (deviation[:, 2] < 3e-7).all(), "an uncertainty that bounds something"
     assert np.mean(whole) > 0.9
 
-    replayed = replay_bag(
-        tmp_path / "bag", stage, load_machine("xyzac_trt"), EstimatorSettings(period_ns=5_000_000, check_turns=0.0)
-    )
+    replayed = replay_bag(tmp_path / "bag", stage, load_machine("xyzac_trt"), REPLAY)
     assert_repeated(estimates, replayed)

@@ -10,6 +10,7 @@ import sys
 import tracemalloc
 
 import pytest
+from faults.live.other_programs import stated
 from rclpy.signals import SignalHandlerOptions, get_current_signal_handlers_options
 
 from rotary_error_monitor.nodes import process as node_process
@@ -42,7 +43,8 @@ def ends(monkeypatch):
 def test_a_signal_ends_a_node_with_exit_code_zero(cell, number):
     process = cell.start("encoder_head", "encoder_head_a", source="mock")
     cell.wait_for_status("encoder_head_a: state", "active")
-    assert process.stop(number) == 0
+    with stated("its end", 10.0):
+        assert process.stop(number) == 0
     assert "Traceback" not in process.output
 
 
@@ -61,7 +63,7 @@ def test_a_signal_ends_nodes_that_nothing_else_wakes(cell):
     heads = [
         cell.start("encoder_head", f"encoder_head_{head}", head=head, autostart=False, source="mock") for head in "abcd"
     ]
-    cell.wait_until(lambda: all("waiting to be configured" in head.output for head in heads), "four heads", 60)
+    cell.wait_until(lambda: all("waiting to be configured" in head.output for head in heads), "four heads")
     cell.spin_for(0.5)
     assert [head.stop() for head in heads] == [0, 0, 0, 0]
 

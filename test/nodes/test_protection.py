@@ -100,7 +100,7 @@ def test_a_node_that_starts_without_the_security_it_was_asked_for_says_so(cell, 
     for name, value in zip(VARIABLES, (*values, str(keystore)), strict=False):
         monkeypatch.setenv(name, value)
     process = cell.start("encoder_head", NAME, ["--enclave", "/nobody"], source="mock")
-    status = cell.wait_for_status(f"{NAME}: security", why, 30)
+    status = cell.wait_for_status(f"{NAME}: security", why)
     assert status.level == b"\x02"
     assert "[ERROR]" in process.output and "security is asked for" in process.output
 
@@ -110,12 +110,13 @@ def test_keys_that_the_middleware_cannot_use_end_the_node_or_are_in_effect(cell,
     for name, value in zip(VARIABLES, ("true", "Enforce", str(keystore)), strict=False):
         monkeypatch.setenv(name, value)
     process = cell.start("encoder_head", NAME, ["--enclave", f"/{NAME}"], autostart=False, source="mock")
-    try:
-        code = process.wait(10)
-    except TimeoutError:
-        assert "waiting to be configured" in process.output
+    process.expected = True
+    cell.wait_until(
+        lambda: process.exit_code is not None or "waiting to be configured" in process.output, "its start or its end"
+    )
+    if process.exit_code is None:
         return
-    assert code == 2
+    assert process.wait() == 2
     assert "security is asked for" in process.output
     assert "built without its security plugins" in process.output
 

@@ -14,6 +14,7 @@ import tracemalloc
 import numpy as np
 import pytest
 from faults.documenting import Row, shows
+from faults.live.other_programs import check, lost_time, stated
 from mcap.reader import make_reader
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
@@ -64,12 +65,12 @@ def test_a_bag_holds_what_was_published(cell, tmp_path):
         assert names == wanted, "every topic that it listens to is declared, also a silent one"
         counts = {name: info.msgcount for name, info in reader.topics.items()}
     assert counts["/machine/joint_states"] > 10
-    blocks = {data[4:12]: data for data in recorded(bag, topic.name)}
-    assert len(blocks) >= len(received) - 1
-    wanted = messages.block_from_message(received[5])
-    found = [BlockDecoder().decode(data) for data in blocks.values()]
-    same = next(block for block in found if block.stamp_ns == wanted.stamp_ns)
-    assert same.rows.tobytes() == wanted.rows.tobytes()
+    found = {block.stamp_ns: block for block in map(BlockDecoder().decode, recorded(bag, topic.name))}
+    # the latest were perhaps on their way to the recorder when it ended
+    wanted = [block for block in map(messages.block_from_message, received) if block.stamp_ns <= max(found)]
+    assert len(wanted) > 5
+    for block in wanted:
+        assert found[block.stamp_ns].rows.tobytes() == block.rows.tobytes()
     with next(bag.glob("*.mcap")).open("rb") as file:
         assert sum(1 for _ in make_reader(file).iter_messages()) == sum(counts.values())
 
@@ -88,13 +89,14 @@ def test_what_came_before_a_kill_can_be_read(cell, tmp_path):
     bag = tmp_path / "bag"
     topic = cell.wire.topic("head_samples", "a")
     process = cell.start("recorder", folder=str(bag))
-    cell.wait_for_status("recorder: state", "active", 60)
+    cell.wait_for_status("recorder: state", "active")
     received = cell.collect(topic)
     cell.run(EncoderHead, "encoder_head_a", source="mock")
-    cell.wait_until(lambda: len(received) > 40, "messages")
-    killed_ns = time.time_ns()
-    process.send(signal.SIGKILL)
-    process.wait()
+    with lost_time(lambda: [process.pid]) as lost:
+        cell.wait_until(lambda: len(received) > 40, "messages")
+        killed_ns = time.time_ns()
+        process.send(signal.SIGKILL)
+        process.wait()
     readable = []
     with next(bag.glob("*.mcap")).open("rb") as file:
         try:
@@ -104,7 +106,7 @@ def test_what_came_before_a_kill_can_be_read(cell, tmp_path):
         except Exception as error:  # the end is torn; what matters is what could be read before it
             assert readable, error
     assert (bag / "metadata.yaml").is_file()
-    assert killed_ns - max(readable) < 1_000_000_000
+    check("the last message", killed_ns - max(readable), 1.0, lost())
 
 
 @shows(
@@ -127,7 +129,7 @@ def test_a_full_disk_is_told_and_nothing_is_lost(cell, tmp_path):
     try:
         recorder = cell.run(Recorder, "recorder", folder=str(bag))
         cell.run(EncoderHead, "encoder_head_a", rate=50_000.0, source="mock")
-        status = cell.wait_for_status("recorder: recording", "recording stopped", 30)
+        status = cell.wait_for_status("recorder: recording", "recording stopped")
         assert status.level == b"\x02"
         cell.wait_for_status("recorder: state", "active")
         cell.remove(recorder)
@@ -194,7 +196,7 @@ def test_a_recorder_that_was_stopped_loses_nothing_that_publishers_keep(cell, tm
     """Two seconds without the process: what waits at its publishers is asked for and comes."""
     bag = tmp_path / "bag"
     recorder = cell.start("recorder", folder=str(bag))
-    cell.wait_for_status("recorder: state", "active", 60)
+    cell.wait_for_status("recorder: state", "active")
     topics = [
         *(cell.wire.topic(key) for key in ("machine_joint_states", "command_samples", "command_joint_states")),
         *(cell.wire.topic(key, "a") for key in ("head_samples", "head_joint_states")),
@@ -202,8 +204,9 @@ def test_a_recorder_that_was_stopped_loses_nothing_that_publishers_keep(cell, tm
     heard = {topic.name: cell.collect(topic) for topic in topics}
     cell.start("mock_controller", machine="xyzac_trt", block_period=0.005)
     cell.start("encoder_head", "encoder_head_a", block_period=0.005, source="mock")
-    cell.wait_until(lambda: all(len(each) > 5 for each in heard.values()), "messages of all", 60)
-    cell.wait_until(lambda: cell.recorder_hears(heard.keys()), "the recorder to hear them too", 60)
+    cell.wait_until(lambda: all(len(each) > 5 for each in heard.values()), "messages of all")
+    cell.wait_until(lambda: cell.recorder_hears(heard.keys()), "the recorder to hear them too")
+    before = cell.figures("recorder: recording")["lost_of"]
     began_ns = time.time_ns()
     recorder.pause()
     cell.spin_for(2.0)
@@ -211,26 +214,29 @@ def test_a_recorder_that_was_stopped_loses_nothing_that_publishers_keep(cell, tm
     cell.spin_for(2.0)
     ended_ns = time.time_ns()
     cell.spin_for(REPEATED)
-    assert cell.figures("recorder: recording")["lost_messages"] == "0"
+    figures = cell.figures("recorder: recording")
+    # of the several publishers on /diagnostics, one of them the recorder that stood, numbers tell losses but nearly
+    lost = [each for each in figures["lost_of"].split(", ") if not each.endswith(" of /diagnostics")]
+    assert lost in ([], ["none"]), f"{lost}; before the stop: {before}"
     assert recorder.stop() == 0
     for name, received in heard.items():
         wanted = {messages.measured_ns(each.header) for each in received}
         wanted = {stamp for stamp in wanted if began_ns <= stamp < ended_ns}
         assert len(wanted) > 50
         assert wanted <= {*stamps(bag, name)}, name
-    assert remarks(bag) == []
+    assert not [remark for remark in remarks(bag) if any(name in remark for name in heard)]
 
 
 def test_what_is_lost_is_counted_and_said(cell, tmp_path):
     """A publisher that keeps little, and a recorder that is stopped for longer."""
     bag = tmp_path / "bag"
     recorder = cell.start("recorder", folder=str(bag))
-    cell.wait_for_status("recorder: state", "active", 60)
+    cell.wait_for_status("recorder: state", "active")
     topic = cell.wire.topic("machine_joint_states")
     shallow = profile(topic)
     shallow.depth = 5
     publisher = cell.node.create_publisher(messages.message_class(topic.type), topic.name, shallow)
-    cell.wait_until(lambda: publisher.get_subscription_count() > 0, "the recorder to listen", 60)
+    cell.wait_until(lambda: publisher.get_subscription_count() > 0, "the recorder to listen")
 
     numbers = itertools.count()
 
@@ -271,7 +277,7 @@ def test_a_recorder_is_killed_and_started_again(cell, tmp_path):
     first.wait()
     second = cell.start("recorder", folder=str(bag))
     second.expected = True
-    cell.wait_until(lambda: second.exit_code is not None, "the second to end", 60)
+    cell.wait_until(lambda: second.exit_code is not None, "the second to end")
     assert second.wait() == 2
     assert "exists already; give the path of a new bag" in second.output
     third = cell.start("recorder", folder=str(tmp_path / "next"))
@@ -298,16 +304,15 @@ def test_a_folder_that_is_taken_away_is_told(cell, tmp_path, renamed):
     recorder = cell.run(Recorder, "recorder", folder=str(bag))
     cell.run(EncoderHead, "encoder_head_a", source="mock")
     cell.wait_for_status("recorder: recording", "recording")
-    taken = time.monotonic()
-    if renamed:
-        bag.rename(later)
-        status = cell.wait_for_status("recorder: recording", f"renamed to {later}; recording goes on there")
-    else:
-        shutil.rmtree(bag)
-        status = cell.wait_for_status(
-            "recorder: recording", "the folder was removed; what was recorded is gone with it"
-        )
-    assert time.monotonic() - taken < 2.0
+    with stated("a word of it", 2.0):
+        if renamed:
+            bag.rename(later)
+            words = f"renamed to {later}; recording goes on there"
+        else:
+            with recorder.busy:  # as one step for the recorder: else it may find its file gone and the folder there
+                shutil.rmtree(bag)
+            words = "the folder was removed; what was recorded is gone with it"
+        status = cell.wait_for_status("recorder: recording", words)
     assert status.level == (b"\x01" if renamed else b"\x02")
     count = int({each.key: each.value for each in status.values}["messages"])
     cell.spin_for(0.5)
@@ -346,7 +351,8 @@ def test_a_disk_that_hangs_is_told(cell, tmp_path, monkeypatch):
     hanging.set()
     try:
         cell.wait_until(entered.is_set, "the disk to hang")
-        status = cell.wait_for_status("recorder: recording", "the disk has taken nothing for", 2.5)
+        with stated("a word of it", 2.5):
+            status = cell.wait_for_status("recorder: recording", "the disk has taken nothing for")
         assert status.level == b"\x02"
         cell.wait_until(lambda: float(cell.figures("recorder: recording")["waiting_s"]) > 1.0, "a second to pass")
     finally:
@@ -419,7 +425,8 @@ def test_a_recording_for_months_keeps_its_last_files(cell, tmp_path):
     recorder = cell.run(Recorder, "recorder", folder=str(bag), **limits)
     cell.run(EncoderHead, "encoder_head_a", source="mock")
     cell.wait_until(lambda: (bag / "bag_6.mcap").exists(), "seven files")
-    assert not (bag / "bag_0.mcap").exists() and len(list(bag.glob("bag_*.mcap"))) <= 4
+    assert not (bag / "bag_0.mcap").exists()
+    cell.wait_until(lambda: len(list(bag.glob("bag_*.mcap"))) <= 4, "the older ones to go once the next has begun")
     cell.remove(recorder)
     blocks = [BlockDecoder().decode(data) for data in recorded(bag, "/stage/head_a/samples")]
     times = np.concatenate([block.times_ns for block in blocks])

@@ -15,7 +15,7 @@ import pytest
 from draws import ALL
 from mock_bags import record
 from nodes.plant_samples import assert_samples
-from nodes.replayed_motion import assert_repeated
+from nodes.replayed_motion import ESTIMATOR, REPLAY, assert_repeated
 from staged_files import BALL_PROBE, STAGES
 
 from rotary_error_monitor.bags.reader import BagReader
@@ -33,7 +33,6 @@ from rotary_error_monitor.nodes.gap_monitor import GapMonitor
 from rotary_error_monitor.nodes.listed_sensor import ListedSensorNode
 from rotary_error_monitor.nodes.mock_controller import MockController
 from rotary_error_monitor.nodes.recorder import Recorder
-from rotary_error_monitor.pipeline.estimation import EstimatorSettings
 from rotary_error_monitor.recordings.replay import replay_bag
 from rotary_error_monitor.sources.mock import MockSettings, mock_stage
 from rotary_error_monitor.testing import Cell
@@ -73,7 +72,7 @@ def run_live(described, true, folder, seed):
             cell.run(ListedSensorNode, f"listed_sensor_{name_of(stream, sensor)}", **mocks)
         cell.run(MockController, "mock_controller", stage=str(true))
         cell.run(GapMonitor, "gap_monitor")
-        cell.run(ErrorEstimator, "error_estimator", period=0.005, check_turns=0.0)
+        cell.run(ErrorEstimator, "error_estimator", **ESTIMATOR)
         cell.wait_until(lambda: len(estimates) > 10, "estimates")
         for stream in stage.listed:
             cell.wait_for_status(f"gap_monitor: /stage/{stream}/samples", "alive")
@@ -123,7 +122,7 @@ def test_from_the_cell_to_the_diagnosis(name, tmp_path, capsys, install_kind):
     estimates, plant = run_live(described, case.true(tmp_path), bag, [*STAGES].index(name))
     check_accuracy(estimates, plant, case.shows)
     check_samples(bag, plant)
-    settings = EstimatorSettings(period_ns=5_000_000, check_turns=0.0)
+    settings = REPLAY
     assert_repeated(estimates, replay_bag(bag, load_stage(described), None, settings))
 
     longer = bag if ALL else record(tmp_path / "longer", plant, plant.streams, LONGER)

@@ -149,7 +149,7 @@ def test_positioning_error_motion_beside_a_controller_that_tells_positions_alone
                 next_ns = next(due)
             return observed(estimates) > 100
 
-        cell.wait_until(tell, "positioning error motion", 60)
+        cell.wait_until(tell, "positioning error motion")
     bounds = []
     for message in estimates:
         block = messages.block_from_message(message)

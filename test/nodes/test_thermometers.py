@@ -7,7 +7,7 @@ import pytest
 from nodes.listing import stage_that_lists
 from nodes.mock_cells import mock_parameters
 from nodes.plant_samples import assert_sample, assert_samples
-from nodes.replayed_motion import assert_repeated
+from nodes.replayed_motion import ESTIMATOR, REPLAY, assert_repeated
 from sensor_msgs.msg import Temperature
 
 from rotary_error_monitor.bags.reader import BagReader
@@ -22,7 +22,6 @@ from rotary_error_monitor.nodes.gap_monitor import GapMonitor
 from rotary_error_monitor.nodes.listed_sensor import ListedSensorNode
 from rotary_error_monitor.nodes.mock_controller import MockController
 from rotary_error_monitor.nodes.recorder import Recorder
-from rotary_error_monitor.pipeline.estimation import EstimatorSettings
 from rotary_error_monitor.recordings.replay import replay_bag
 from rotary_error_monitor.sources.mock import mock_stage
 from rotary_error_monitor.testing import Cell
@@ -71,7 +70,7 @@ def test_thermometers_in_a_cell(settings, path, tmp_path):
             cell.run(ListedSensorNode, f"listed_sensor_{place}", source="mock")
         cell.run(MockController, "mock_controller", machine="xyzac_trt")
         cell.run(GapMonitor, "gap_monitor")
-        cell.run(ErrorEstimator, "error_estimator", period=0.005, check_turns=0.0)
+        cell.run(ErrorEstimator, "error_estimator", **ESTIMATOR)
         cell.wait_until(lambda: len(estimates) > 10 and people, "estimates")
         cell.wait_until(lambda: all(len(blocks) > 3 for blocks in read.values()), "blocks of both thermometers")
         for place in PLACES:
@@ -92,7 +91,5 @@ def test_thermometers_in_a_cell(settings, path, tmp_path):
         mine = {messages.block_from_message(message).stamp_ns for message in blocks}
         assert len({block.stamp_ns for block in recorded[samples_topic(stream)]} & mine) > 1
     assert_sample(people[0].header.stamp, [people[0].temperature], truth, f"thermometer_{PLACES[0]}")
-    replayed = replay_bag(
-        tmp_path / "bag", stage, load_machine("xyzac_trt"), EstimatorSettings(period_ns=5_000_000, check_turns=0.0)
-    )
+    replayed = replay_bag(tmp_path / "bag", stage, load_machine("xyzac_trt"), REPLAY)
     assert_repeated(estimates, replayed)

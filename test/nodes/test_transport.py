@@ -62,5 +62,5 @@ def test_a_node_uses_shared_memory_only_where_it_was_chosen(cell, monkeypatch, c
     monkeypatch.setenv(TRANSPORTS, chosen)
     heard = cell.collect(cell.wire.topic("head_samples", "a"))
     head = cell.start("encoder_head", "encoder_head_a", source="mock")
-    cell.wait_until(lambda: len(heard) > 10, "samples", 60)
+    cell.wait_until(lambda: len(heard) > 10, "samples")
     assert bool(shared_memory(head)) == bool(chosen)

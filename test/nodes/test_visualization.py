@@ -87,10 +87,13 @@ def test_what_is_not_observable_is_not_drawn(cell, observable, orbit, axis, word
 
 def test_a_block_that_is_no_error_motion_is_refused(cell):
     cell.run(Visualization, "visualization", period=0.05)
-    cell.publish_blocks(cell.wire.topic("error_motion_samples"))(
-        block_from_samples(np.array([time.time_ns()]), ("angle",), np.zeros((1, 1)))
-    )
-    cell.wait_for_status(STREAM, "messages refused")
+    send = cell.publish_blocks(cell.wire.topic("error_motion_samples"))
+
+    def is_refused():  # said of those since the last report alone
+        send(block_from_samples(np.array([time.time_ns()]), ("angle",), np.zeros((1, 1))))
+        return cell.has_status(STREAM, "messages refused")
+
+    cell.wait_until(is_refused, "a word of it")
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 from nodes.mock_cells import mock_parameters
-from nodes.replayed_motion import REPEATED, assert_repeated
+from nodes.replayed_motion import ESTIMATOR, REPEATED, REPLAY, assert_repeated
 from without_heads import STREAMS, example
 
 from rotary_error_monitor.cli import main
@@ -24,7 +24,6 @@ from rotary_error_monitor.nodes.listed_sensor import ListedSensorNode
 from rotary_error_monitor.nodes.mock_controller import MockController
 from rotary_error_monitor.nodes.recorder import Recorder
 from rotary_error_monitor.nodes.stage_follower import StageFollower
-from rotary_error_monitor.pipeline.estimation import EstimatorSettings
 from rotary_error_monitor.recordings.replay import replay_bag
 from rotary_error_monitor.sources.mock import mock_stage
 from rotary_error_monitor.testing import Cell
@@ -51,9 +50,9 @@ def test_error_motion_and_corrections_from_three_probes(headless, settings, stag
         headless.run(ListedSensorNode, f"listed_sensor_{name}", source="mock")
     headless.run(MockController, "mock_controller", machine="xyzac_trt")
     headless.run(GapMonitor, "gap_monitor")
-    headless.run(ErrorEstimator, "error_estimator", period=0.005, check_turns=0.0)
+    headless.run(ErrorEstimator, "error_estimator", **ESTIMATOR)
     headless.run(Compensation, "compensation", machine="xyzac_trt")
-    headless.wait_until(lambda: len(estimates) > 10 and len(corrections) > 10, "estimates and corrections", 60)
+    headless.wait_until(lambda: len(estimates) > 10 and len(corrections) > 10, "estimates and corrections")
     headless.forget_status("error_estimator: estimate")
     headless.wait_for_status("error_estimator: estimate", "complete")
     assert "by the command, which no sensor checks" in headless.figures("error_estimator: estimate")["rotation"]
@@ -76,7 +75,7 @@ def test_error_motion_and_corrections_from_three_probes(headless, settings, stag
         whole.append(motion.observable[:, :2].all(axis=1).mean())
     assert np.mean(whole) > REPEATED
 
-    settings_of_node = EstimatorSettings(period_ns=5_000_000, check_turns=0.0)
+    settings_of_node = REPLAY
     assert_repeated(estimates, replay_bag(tmp_path / "bag", stage, load_machine("xyzac_trt"), settings_of_node))
     assert main(["check", "--stage", str(stage_file), str(tmp_path / "bag")]) != 2
     said = capsys.readouterr().out

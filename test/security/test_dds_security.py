@@ -24,7 +24,7 @@ pytestmark = pytest.mark.skipif(
 )
 CORRECTIONS = "rt/machine/axis_corrections"
 RESET = "rq/compensation/resetRequest"
-PATIENCE = 25.0
+PATIENCE = 60.0
 
 
 @pytest.fixture(scope="module")

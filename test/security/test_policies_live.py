@@ -10,6 +10,7 @@ from importlib.util import find_spec
 
 import pytest
 from nodes.probes import stage_with_probes
+from ports import free_port
 
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.description.wire import load_services, load_wire, wire_of
@@ -71,6 +72,8 @@ def test_there_is_a_policy_for_each_node_and_for_the_operator():
 def test_a_policy_allows_what_its_node_opens_and_nothing_else(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     node_class, parameters = NODES[name]
+    if any(setting.name == "port" for setting in node_class.settings):
+        parameters = {**parameters, "port": free_port()}  # another cell on this computer may have the usual one
     with Cell(HEADS) as cell:
         node = cell.run(node_class, name, **parameters)
         assert node.active

@@ -6,7 +6,6 @@ make soak
 from __future__ import annotations
 
 import os
-import socket
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
@@ -14,6 +13,7 @@ from pathlib import Path
 
 import pytest
 from nodes.mock_cells import mock_parameters
+from ports import free_port
 
 from rotary_error_monitor.sources.mock import MockSettings
 from rotary_error_monitor.testing import Cell
@@ -64,12 +64,6 @@ def browser():
         found = started.chromium.launch(executable_path=str(BROWSER), args=["--no-sandbox"])
         yield found
         found.close()
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def renderers() -> Iterator[int]:

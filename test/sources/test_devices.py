@@ -12,6 +12,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from ports import free_port
 
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.errors import InputError
@@ -209,12 +210,6 @@ def udp(install):
     return lambda port: devices["udp"].open(instrument(devices, **{"udp.port": port}))
 
 
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
 def send(port: int, *datagrams: bytes) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as box:
         for datagram in datagrams:
@@ -237,7 +232,7 @@ def test_the_document_names_all_that_a_device_has():
 
 
 def test_the_example_gives_what_the_box_sends(udp):
-    port, now_ns = free_port(), time.time_ns()
+    port, now_ns = free_port(socket.SOCK_DGRAM), time.time_ns()
     source = udp(port)
     assert source.take(now_ns - 10, now_ns) is None
     send(port, *(struct.pack("<qd", now_ns + k, 0.1 * k) for k in range(5)))

@@ -125,7 +125,7 @@ def test_a_supervisor_that_is_killed_takes_its_nodes_along(cell: Cell, tmp_path:
     with started(cell, tmp_path, UP, "up", str(file)) as up:
         cell.wait_until(lambda: len(estimates) > 2, "estimates", 60)
         up.process.kill()
-        cell.wait_until(lambda: not any(map(_is_there, up.children())), "all nodes to end", 30)
+        cell.wait_until(lambda: not any(map(_is_there, up.children())), "all nodes to end")
 
 
 def test_wrong_input_ends_the_cell_with_2(cell: Cell, tmp_path: Path) -> None:
@@ -175,7 +175,7 @@ def test_a_node_that_is_being_started_when_the_cell_ends_ends_too() -> None:
 
     said: list[str] = []
     supervisor = Late([CellNode("recorder", "recorder")], [], said.append)
-    assert asyncio.run(asyncio.wait_for(supervisor.run(), 20.0)) == 0
+    assert asyncio.run(asyncio.wait_for(supervisor.run(), 60.0)) == 0
     (pid,) = (int(number) for text in said for number in re.findall(r"process (\d+)", text))
     assert not _is_there(pid)
 
@@ -185,6 +185,6 @@ def test_a_node_that_does_not_end_is_killed(cell: Cell, tmp_path: Path) -> None:
         cell.wait_for_status("recorder: state", "active", 60)
         os.kill(up.process_of("recorder"), signal.SIGSTOP)
         up.process.send_signal(signal.SIGHUP)
-        assert up.process.wait(30) == 1
+        assert up.process.wait(60) == 1
         assert "recorder did not end within 1 s and is killed" in up.said
         assert not any(map(_is_there, up.children()))

@@ -5,14 +5,18 @@ from __future__ import annotations
 import os
 import signal
 import socket
+import time
+from contextlib import nullcontext
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
+from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
+from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.encoder_head import EncoderHead
-from rotary_error_monitor.testing import Cell
+from rotary_error_monitor.testing import Cell, domains, silence
 from rotary_error_monitor.testing.domains import own_domain
 from rotary_error_monitor.testing.processes import NodeProcess, parameter_arguments, postponed_signals
 
@@ -60,6 +64,86 @@ def test_waiting_has_an_end_and_says_how_the_nodes_fared():
         with pytest.raises(TimeoutError, match=r"waited 0\.1 s for a miracle") as caught:
             cell.wait_until(lambda: False, "a miracle", 0.1)
         assert "encoder_head_a: state: active" in str(caught.value)
+
+
+def test_a_condition_that_takes_long_leaves_the_nodes_their_time():
+    """As one that asks a browser: a node that speaks 100 times a second is heard all the same."""
+    with Cell() as cell:
+        said, asked = [], []
+        cell.node.create_timer(0.01, lambda: said.append(1))
+
+        def slow():
+            asked.append(1)
+            time.sleep(0.1)
+            return len(said) >= 100
+
+        cell.wait_until(slow, "100 calls")
+        assert len(asked) < 50, "of ten that are due meanwhile, more than two"
+
+
+def test_messages_wait_for_the_nodes_that_are_named():
+    """The recorder of the harness is there at once; who is named comes later, and misses nothing."""
+    with Cell() as cell:
+        topic = cell.wire.topic("machine_joint_states")
+        cell.collect(topic)
+        send = cell.publish_on(topic, "late_listener")
+        heard = []
+
+        class Late(Node):
+            def __init__(self, name, *, context, parameter_overrides):
+                super().__init__(name, context=context, parameter_overrides=parameter_overrides)
+                self.create_subscription(JointState, topic.name, heard.append, 10)
+
+        begin = time.monotonic()
+
+        def start_late():
+            if time.monotonic() - begin > 0.5 and not cell._nodes:
+                cell.run(Late, "late_listener")
+
+        cell.node.create_timer(0.1, start_late)
+        send(messages.joint_state_message(1, "", ["X"], [0.0]))
+        assert time.monotonic() - begin > 0.5
+        cell.wait_until(lambda: len(heard) == 1, "the first message")
+
+
+def test_a_node_that_is_named_and_does_not_come_is_said(monkeypatch):
+    monkeypatch.setattr("rotary_error_monitor.testing.cell.Cell.wait_until.__defaults__", (0.2,))
+    with Cell() as cell:
+        topic = cell.wire.topic("machine_joint_states")
+        cell.collect(topic)
+        with pytest.raises(TimeoutError, match=f"compensation to listen to {topic.name}"):
+            cell.publish_on(topic, "compensation")(messages.joint_state_message(1, "", ["X"], [0.0]))
+
+
+def test_silence_begins_with_the_last_message():
+    with Cell() as cell:
+        received = []
+        timer = cell.node.create_timer(0.2, lambda: received.append(time.monotonic()))
+        ending = cell.node.create_timer(1.0, timer.cancel)
+        cell.wait_for_silence(received, 0.5)
+        ending.cancel()
+        assert received
+        assert time.monotonic() - received[-1] >= 0.5
+
+
+def test_something_that_goes_on_is_no_silence():
+    with Cell() as cell:
+        received = []
+        cell.node.create_timer(0.05, lambda: received.append(1))
+        with pytest.raises(TimeoutError):
+            cell.wait_until(silence(received, 1.0), "silence", 2.0)
+
+
+def test_time_without_a_look_is_no_silence():
+    is_silent = silence([], 0.3)
+    assert not is_silent()
+    time.sleep(0.5)
+    assert not is_silent(), "of the nap counts a tenth of a second"
+    looks = 0
+    while not is_silent():
+        time.sleep(0.02)
+        looks += 1
+    assert looks > 1
 
 
 def test_a_process_that_ends_by_itself_is_told():
@@ -171,13 +255,14 @@ def test_a_recorder_that_waits_for_its_disk_is_waited_for():
 
 def test_what_ran_in_one_cell_is_not_in_the_next(monkeypatch):
     """Nor while somebody holds the node still, as a test does until its end: the next cell may have the same domain."""
-    monkeypatch.setattr("random.randrange", lambda most: 41 % most)
-    domains, held = [], []
-    for _ in range(4):
-        with Cell() as cell:
-            domains.append(cell.node.context.get_domain_id())
-            cell.spin_for(1.0)
-            assert cell.node.get_node_names() == ["test_harness"]
-            held.append(cell.run(EncoderHead, "encoder_head_a", source="mock"))
-            cell.wait_for_status("encoder_head_a: state", "active")
-    assert len({*domains}) == 1 and len(held) == 4
+    held = []
+    with own_domain() as domain:  # for all of them, so that no other test has it between two
+        monkeypatch.setattr(domains, "domain_id", lambda _: nullcontext(domain))
+        for _ in range(4):
+            with Cell() as cell:
+                assert cell.node.context.get_domain_id() == domain
+                cell.spin_for(1.0)
+                assert cell.node.get_node_names() == ["test_harness"]
+                held.append(cell.run(EncoderHead, "encoder_head_a", source="mock"))
+                cell.wait_for_status("encoder_head_a: state", "active")
+    assert len(held) == 4

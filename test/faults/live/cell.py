@@ -6,6 +6,7 @@ corrections are held and that is said within a second; a second after its end al
 
 from __future__ import annotations
 
+import os
 import re
 import signal
 import time
@@ -265,8 +266,11 @@ class LiveCell:
             each.clear()
 
     def lost(self) -> AbstractContextManager[Callable[[], Lost]]:
-        """Function that tells what other programs took of the time since the `with`."""
-        return lost_time(lambda: [process.pid for process in self.processes.values()])
+        """Function that tells what other programs took of the time since the `with`.
+
+        This process counts too: it asks for what is timed, and publishes `/clock` or what a stranger says.
+        """
+        return lost_time(lambda: [os.getpid(), *(process.pid for process in self.processes.values())])
 
     def _listen(self) -> None:
         heard, node, wire = self.heard, self.cell.node, self.wire
