@@ -73,10 +73,7 @@ def stage_inputs(
     command = recording.streams["command"]
     rotation = CommandedRotation(command.time, command.values[:, 0], command.values[:, 1])
     force, temperature = recording.streams.get("force"), recording.streams.get("temperature")
-    force_at = None if force is None else CubicSpline(force.time, _above_noise(force.values), axis=0)
-
-    def force_of(time: Array) -> Array:
-        return np.zeros((len(time), 2)) if force is None or force_at is None else force_at(_within(time, force))
+    force_of = _no_force if force is None else _force(force)
 
     def nothing(time: Array) -> Array:
         return np.zeros(len(time))
@@ -93,6 +90,23 @@ def stage_inputs(
         if sensor.measures not in (PLACE_TEMPERATURE, SHAFT_FORCE) and stream in recording.streams
     }
     return StageInputs(rotation.angle, rotation.speed, force_of, own, warmings, others)
+
+
+def _no_force(time: Array) -> Array:
+    return np.zeros((len(time), 2))
+
+
+def _force(read: Stream) -> Callable[[Array], Array]:
+    """(m, 2) force at any times (m,): a spline through the samples, and nothing between two that show none."""
+    values = _above_noise(read.values)
+    spline, acting = CubicSpline(read.time, values, axis=0), np.any(values, axis=1)
+
+    def force(time: Array) -> Array:
+        within = _within(time, read)
+        after = np.clip(np.searchsorted(read.time, within), 1, len(acting) - 1)
+        return np.asarray(np.where((acting[after] | acting[after - 1])[:, None], spline(within), 0.0), np.float64)
+
+    return force
 
 
 def _course(stream: Stream) -> Callable[[Array], Array]:

@@ -30,6 +30,8 @@ def test_a_push_stays_as_it_was_measured():
     pushed = np.abs(push).max(axis=1) > 0.5
     np.testing.assert_allclose(found[pushed], measured[pushed], atol=1e-12)
     assert not found[np.abs(TIME - 20) > 5].any()
+    between = np.linspace(0.0, 39.99, 12_345)
+    assert not inputs(measured).force(between)[np.abs(between - 20) > 5].any(), "a spline would ring for ever"
 
 
 def test_without_a_load_cell_no_force_acts():

@@ -38,11 +38,12 @@ from rotary_error_monitor.kinds.stage.nuisances import Nuisances
 from rotary_error_monitor.kinds.stage.offset import offset_figures
 from rotary_error_monitor.kinds.stage.play import Play, stays
 from rotary_error_monitor.kinds.stage.predictions import KEPT, KeptPredictions
-from rotary_error_monitor.kinds.stage.rounding import Rounding, row_weights, steps_of
+from rotary_error_monitor.kinds.stage.rounding import Rounding, steps_of
+from rotary_error_monitor.kinds.stage.row_weights import row_weights
 from rotary_error_monitor.kinds.stage.search import StageSearch
 from rotary_error_monitor.kinds.stage.signatures import KeptSignatures
 from rotary_error_monitor.kinds.stage.tracks import Tracks
-from rotary_error_monitor.kinds.stage.warming import OtherTwin, uncertain_forces, uncertain_warmings
+from rotary_error_monitor.kinds.stage.warming import ForceNoise, OtherTwin, uncertain_forces, uncertain_warmings
 from rotary_error_monitor.kinds.stage.where import stage_where
 from rotary_error_monitor.noise.stage_noise import StageNoise, noise_std
 from rotary_error_monitor.noise.whitening import side_by_side
@@ -64,6 +65,7 @@ class OfWhole:
         conditions: of the recording.
         play: after reversals.
         others: twins with what is not known of the inputs.
+        force_noise: of the load cells.
     """
 
     inputs: StageInputs
@@ -71,13 +73,15 @@ class OfWhole:
     conditions: Conditions
     play: Play
     others: tuple[OtherTwin, ...]
+    force_noise: ForceNoise
 
     @classmethod
     def of(cls, stage: StageDescription, recording: StageRecording, twin: StageTwin) -> OfWhole:
         """That of a recording and its twin."""
         others = (*uncertain_warmings(twin, recording), *uncertain_forces(twin, recording))
-        play = Play(twin.inputs, recording.duration)
-        return cls(twin.inputs, steps_of(stage, recording), stage_conditions(recording), play, others)
+        steps, play = steps_of(stage, recording), Play(twin.inputs, recording.duration)
+        noise = ForceNoise.of(twin, recording)
+        return cls(twin.inputs, steps, stage_conditions(recording), play, others, noise)
 
 
 class StageProblem:
@@ -117,7 +121,7 @@ class StageProblem:
         )
         raw = self._raw_residual(())
         check_noise(self.twin.times, noise_std(stage))
-        unspiked, weights = self._nuisances.taken_from(raw), row_weights(self.twin, whole.steps)
+        unspiked, weights = self._nuisances.taken_from(raw), row_weights(self.twin, whole.steps, whole.force_noise)
         self.noise = StageNoise(stage, recording, unspiked, weights=weights)
         self._conditions = whole.conditions
         self.play = whole.play

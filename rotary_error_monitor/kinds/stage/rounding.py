@@ -27,9 +27,6 @@ SAWTEETH = 2
 SMEARED = 0.5
 """Part of a step from which on noise leaves less than a hundredth of the sawtooth, `exp(-2 (pi noise / step)²)`."""
 
-LOUDER = 1e-2
-"""Part by which noise may be louder and be the same: far less than that by which it is known."""
-
 
 def steps_of(stage: StageDescription, recording: StageRecording) -> dict[str, float]:
     """Step of a reading of each sensor's stream, in its unit: as stated, else as the readings show it; 0 for none."""
@@ -50,25 +47,18 @@ def noise_before_steps(stage: StageDescription, stream: str) -> float:
     return float(np.sqrt(max(squares, 0.0))) * abs(stage.response(stream).gain)
 
 
-def row_weights(twin: StageTwin, steps: Mapping[str, float]) -> dict[str, Array]:
-    """(n, fields) weight of the rows of streams that are louder than stated: one over by how much.
+def repeated_squares(twin: StageTwin, stream: str, step: float) -> Array:
+    """(n, fields) squares of the noise of the readings of a stream, over those stated.
 
-    They are where their rounding errors repeat, and where the readings show steps that are not stated.
+    They are more where their rounding errors repeat, and where the readings show steps that are not stated.
     """
-    found = {}
-    for name in twin.times:  # of a stretch of a recording, which may lack a sensor
-        stage, step, response = twin.stage, steps.get(name, 0.0), twin.stage.response(name)
-        if step == 0.0:
-            continue
-        before, stated = noise_before_steps(stage, name), sensor_of(name).noise(stage, name) * abs(response.gain)
-        paths = response.readings(twin.predict((), [name])[name])
-        repeated = np.stack([repeated_errors(path, before, step) for path in paths.T], axis=1)
-        if response.roll:  # what is shown along an axis is read along both
-            repeated[:] = repeated.max(axis=1, keepdims=True)
-        louder = np.sqrt(before**2 + (1 + repeated) * step**2 / 12) / stated
-        if np.max(louder) > 1 + LOUDER:
-            found[name] = 1 / louder
-    return found
+    stage, response = twin.stage, twin.stage.response(stream)
+    before, stated = noise_before_steps(stage, stream), sensor_of(stream).noise(stage, stream) * abs(response.gain)
+    paths = response.readings(twin.predict((), [stream])[stream])
+    repeated = np.stack([repeated_errors(path, before, step) for path in paths.T], axis=1)
+    if response.roll:  # what is shown along an axis is read along both
+        repeated[:] = repeated.max(axis=1, keepdims=True)
+    return np.asarray((before**2 + (1 + repeated) * step**2 / 12) / stated**2, np.float64)
 
 
 class Rounding:

@@ -76,6 +76,36 @@ def uncertain_forces(twin: StageTwin, recording: StageRecording) -> tuple[OtherT
     return tuple(OtherTwin(twin, push) for push in pushed)
 
 
+@dataclass(frozen=True)
+class ForceNoise:
+    """Noise of the load cells, which moves what the twin predicts as a force would.
+
+    Attributes:
+        pushed: twins with one standard deviation of it more where a force acts, along each axis.
+        period: of the samples of the force, s: within it, readings of other sensors share it.
+    """
+
+    pushed: tuple[OtherTwin, ...] = ()
+    period: float = 0.0
+
+    @classmethod
+    def of(cls, twin: StageTwin, recording: StageRecording) -> ForceNoise:
+        """As the readings of the force show it."""
+        if FORCE not in recording.streams:
+            return cls()
+        read = recording.streams[FORCE]
+        seen = np.median(np.abs(np.diff(read.values, axis=0)), axis=0) / MEDIAN_OF_DIFFERENCES
+        pushes = (_Pushed(noise * axis, where_it_acts=True) for noise, axis in zip(seen, np.eye(2), strict=True))
+        return cls(tuple(OtherTwin(twin, push) for push in pushes), read.period)
+
+    def squares(self, twin: StageTwin, stream: str) -> Array:
+        """(n, fields) of what it adds to the predictions of a stream; those that share it count as one."""
+        base = twin.predict((), [stream])[stream]
+        moved = [np.square(push.beside(twin).predict((), [stream])[stream] - base) for push in self.pushed]
+        period = float(np.median(np.diff(twin.times[stream]))) if len(base) > 1 else np.inf
+        return np.asarray(sum(moved, np.zeros_like(base)) * max(self.period / period, 1.0), np.float64)
+
+
 def _diluted(read: Stream, variance: float) -> Iterator[_Diluted]:
     """What noise of the readings hides of a compliance: regression dilution (Fuller 1987, Equation 1.1.6).
 

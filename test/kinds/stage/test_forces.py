@@ -20,6 +20,7 @@ from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.gap.diagnosis import diagnose
+from rotary_error_monitor.gap.verdict import Verdict
 from rotary_error_monitor.kinds.stage.stretches import stage_problem
 from rotary_error_monitor.kinds.stage.warming import uncertain_forces
 from rotary_error_monitor.resources import config
@@ -256,3 +257,24 @@ def test_from_file_to_file(tmp_path, capsys):
     written = yaml.safe_load(improved.read_text(encoding="utf-8"))["stage"]
     assert written["sensors"]["nose"] == NOSE
     assert main([*arguments, str(improved), "-o", str(tmp_path / "two")]) == 0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_noise_of_the_load_cell_is_no_gap_however_good_the_heads_are(seed):
+    """Readings of the force with noise by which the rotor would yield as much as the heads show, or more."""
+    described = section({})
+    described["encoder"]["counts_per_line"] = 1000
+    described["spindle"]["radial_compliance"] = 1e-7  # 0.5 N are 0.5 µrad, and the noise of a head is 0.3
+    rates = {f"/stage/head_{head}/samples": 200.0 for head in "abcd"}
+    options = Options.textbook(
+        motion="both_directions", peak_speed=5.0, rates=rates, noise=1.0, jitter=1.0, force=True, lvdt=False
+    )
+    topics = make_recording(seed, duration=SECONDS, stage=described, options=options).blocks
+    draw = np.random.default_rng(seed)
+    topics[FORCE] = [
+        replace(block, rows=block.rows + np.insert(0.5 * draw.normal(size=(len(block.rows), 2)), 0, 0.0, axis=1))
+        for block in topics[FORCE]
+    ]
+    stage = stage_from_mapping(described)
+    found = diagnose(stage_problem(stage, record_stage(topics, "abcd", without=("lvdt",)), EFFECTS))
+    assert found.verdict is Verdict.NO_GAP, found.as_mapping()["remainder"]
