@@ -5,7 +5,7 @@ What infinitely many runs would give is written out from ISO 230-2 target by tar
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -116,7 +116,7 @@ def uniform(rng: np.random.Generator, shape: tuple[int, int]) -> Array:
 
 def heavy_tailed(rng: np.random.Generator, shape: tuple[int, int]) -> Array:
     """Student's t of 6 degrees of freedom: kurtosis 6, twice that of normal scatter."""
-    return rng.standard_t(6, shape) / np.sqrt(6 / 4)
+    return np.asarray(rng.standard_t(6, shape) / np.sqrt(6 / 4))
 
 
 def screw(rng: np.random.Generator, *, targets: int = 11, high: float = 4.0) -> Axis:
@@ -154,7 +154,7 @@ def twins(rng: np.random.Generator) -> Axis:
     return Axis(u, 1e-6 * (mean + play / 2), 1e-6 * (mean - play / 2), 1e-6 * np.ones((2, 11)))
 
 
-AXES: Mapping[str, Callable[[np.random.Generator], Axis]] = {
+AXES: dict[str, Callable[[np.random.Generator], Axis]] = {
     "small reversal": linear,
     "large reversal": lambda rng: linear(rng, reversal=8.0),
     "reversal that varies": lambda rng: linear(rng, reversal=3.0, varies=2.0),
@@ -168,7 +168,7 @@ AXES: Mapping[str, Callable[[np.random.Generator], Axis]] = {
     "rotary, ten runs": lambda rng: rotary(rng, runs=10, play=0.0),
 }
 
-OTHER_AXES: Mapping[str, Callable[[np.random.Generator], Axis]] = {
+OTHER_AXES: dict[str, Callable[[np.random.Generator], Axis]] = {
     "drift from run to run": lambda rng: replace(linear(rng, reversal=2.0), drift=0.5e-6),
     "uniform scatter": lambda rng: replace(linear(rng, reversal=2.0), noise=uniform),
     "heavy tails": lambda rng: replace(linear(rng, reversal=2.0), noise=heavy_tailed),
@@ -192,7 +192,7 @@ def missed(kind: str, count: int, stream: int = 0) -> dict[str, tuple[float, flo
     found: dict[str, list[tuple[bool, bool]]] = {}
     for seed in range(count):
         rng = np.random.default_rng([count, stream, seed])
-        axis = AXES[kind](rng)
+        axis = (AXES | OTHER_AXES)[kind](rng)
         bounds = bound_positioning(axis.measured(rng), axis.instrument)
         for name, true in axis.truth().items():
             low, high = interval(bounds, name)
