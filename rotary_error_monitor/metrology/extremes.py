@@ -8,8 +8,8 @@ apart. So many means are held possible near the ends of a small range, and few n
 2000, "Hybrid resampling methods for confidence intervals", Statistica Sinica 10:1, with the constrained estimate of
 maximum likelihood for what is not of interest).
 
-Bounds of two means are exact. Where half of many means are at either end, 5 % of lower bounds at 2.5 % are too high, for
-means that were found between the ends are simulated there (test/metrology/test_extremes.py).
+Bounds of two means are exact. Where half of many means are at either end, 5 % of lower bounds at 2.5 % are too high,
+for means that were found between the ends are simulated there (test/metrology/test_extremes.py).
 
 For errors that are drawn, the simulated estimate grows with the range. There is one range for each draw that just gives
 what was found, and the quantiles of these are the bounds.

@@ -79,7 +79,7 @@ def test_lower_bounds_hold_where_means_are_alike(alike: int) -> None:
     noise = np.ones((200, 2 * alike))
     for _ in range(200):
         found, errors = true + rng.normal(size=len(true)), rng.normal(size=noise.shape)
-        misses += np.quantile(draw_ranges(found, noise, errors, np.zeros_like(noise)), 0.025) > 3.0
+        misses += int(np.quantile(draw_ranges(found, noise, errors, np.zeros_like(noise)), 0.025) > 3.0)
     assert misses <= 22
 
 

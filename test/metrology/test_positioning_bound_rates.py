@@ -1,8 +1,8 @@
 """Of 500 simulated positioning tests the 95 % bound of each figure holds the truth in 92.5 of 100 or more.
 
-All kinds see the same normal draws, so chance that lowers the rate of one lowers those of others. More than 98 of 100 hold
-extremes over targets that are alike in truth: readings do not tell that they are, and the upper bound allows that one is
-larger. Scatter that is not normal is told apart: R, and A with it, takes it for normal.
+All kinds see the same normal draws, so chance that lowers the rate of one lowers those of others. More than 98 of 100
+hold extremes over targets that are alike in truth: readings do not tell that they are, and the upper bound allows that
+one is larger. Scatter that is not normal is told apart: R, and A with it, takes it for normal.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from metrology.simulated_positioning import AXES, OTHER_AXES, missed
 LEAST, MOST = 0.925, 0.98
 
 LEAST_NOT_NORMAL = 0.85
-"""Of R and A where the scatter has heavy tails, or what a cycle has in common makes the readings of targets dependent."""
+"""Of R and A where the scatter has heavy tails, or readings of all targets have what a cycle adds in common."""
 
 NOT_NORMAL = ("heavy tails", "drift from run to run")
 
