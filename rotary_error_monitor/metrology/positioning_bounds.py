@@ -5,12 +5,12 @@ noisy estimates lies too far out. Bounds of ranges of means (E, M) and of the la
 of each value, inverted (`extremes`). What the standard deviations are is drawn from their posterior
 (`scatter_posterior`), and goes through the formulas of R and, with the means, of A.
 
-How much standard deviations differ between targets and directions, few runs hardly tell. The upper bound is that of all
-models of it, each as often as it is probable. The lower one is also no higher than that of any simpler model that is
-not refuted, else chance that looks like a difference would raise it (bounds that hold whatever a nuisance parameter
-within its own bounds is: Berger and Boos 1994, DOI 10.1080/01621459.1994.10476836). The mean reversal error is a mean,
-with the degrees of freedom of Welch and Satterthwaite (JCGM 100:2008, G.4). The largest reversal error is no smaller
-than it: its lower bound is that of the mean one unless it is refuted that targets have the same.
+How much standard deviations differ between targets and directions, few runs hardly tell. The upper bound is that of the
+most general model. The lower one is also no higher than that of any simpler model that is not refuted, else chance that
+looks like a difference would raise it (bounds that hold whatever a nuisance parameter within its own bounds is: Berger
+and Boos 1994, DOI 10.1080/01621459.1994.10476836). The mean reversal error is a mean, with the degrees of freedom of
+Welch and Satterthwaite (JCGM 100:2008, G.4). The largest reversal error is no smaller than it: its lower bound is that
+of the mean one unless it is refuted that targets have the same.
 
 A maximum of means that may be equal has no derivative there. No estimate of it is unbiased, nor is any bound right both
 where means are equal and where they are not quite (Hirano and Porter 2012, DOI 10.3982/ECTA8681; Andrews 2000,

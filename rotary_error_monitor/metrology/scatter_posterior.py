@@ -1,9 +1,9 @@
 """What the standard deviations of an ISO 230-2 test probably are, told from the readings of all targets together.
 
-Readings scatter normally about the mean of their target and direction. Three models, each as probable beforehand: one
-variance for all, one for each direction, or one for each target and direction from a scaled inverse chi-square
-distribution whose degrees of freedom are unknown (Smyth 2004, DOI 10.2202/1544-6115.1027). Of what share the prior
-takes of an estimate, all values are as probable beforehand (uniform shrinkage prior: Daniels 1999,
+Readings scatter normally about the mean of their target and direction. There are three models: one variance for all,
+one for each direction, or, the most general, one for each target and direction from a scaled inverse chi-square
+distribution whose degrees of freedom are unknown (Smyth 2004, DOI 10.2202/1544-6115.1027). Of what
+share the prior takes of an estimate, all values are as probable beforehand (uniform shrinkage prior: Daniels 1999,
 DOI 10.2307/3316152); scales are log-uniform.
 """
 
@@ -36,7 +36,7 @@ class ScatterDraws:
     """Probable variances of a reading, by direction each (d, m).
 
     Attributes:
-        probable: of all models, each as often as it is probable.
+        probable: of the most general model.
         simpler: of each model that has equal variances and is not refuted.
     """
 
@@ -66,11 +66,8 @@ def draw_scatter(found: list[Array], counts: list[Array], draws: int, rng: np.ra
     drawn = [_pooled(variance, freedom, pool, draws, rng) for pool in pools]
     drawn.append(_own(variance, freedom, own, scales, draws, rng))
     weight = np.exp(np.array(evidence) - logsumexp(evidence))
-    chosen = rng.choice(len(drawn), size=draws, p=weight)[:, None]
     simpler = [each for each, w in zip(drawn[:-1], weight, strict=False) if w >= REFUTED * (w + weight[-1])]
-    return ScatterDraws(
-        [np.choose(chosen, drawn)[:, way] for way in ways], [[each[:, way] for way in ways] for each in simpler]
-    )
+    return ScatterDraws([drawn[-1][:, way] for way in ways], [[each[:, way] for way in ways] for each in simpler])
 
 
 def _log_mean(log: Array) -> float:
