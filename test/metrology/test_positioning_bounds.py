@@ -66,12 +66,16 @@ def test_the_mean_reversal_error_has_the_interval_of_welch() -> None:
     np.testing.assert_allclose(bounds.mean_reversal_error, expected, rtol=1e-9)
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_the_largest_reversal_error_is_no_smaller_than_the_mean_one_where_all_are_alike(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    bounds = bound_positioning(linear(rng, reversal=8.0).measured(rng)).bidirectional
-    assert bounds is not None
-    assert bounds.reversal_error[0] <= bounds.mean_reversal_error[0] < bounds.reversal_error[1]
+def test_the_largest_reversal_error_is_no_smaller_than_the_mean_one_where_all_are_alike() -> None:
+    """In 2 of 100 that is refuted; of 30 at 3 %, 6 or more are by chance less often than once in a thousand."""
+    refuted = 0
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        bounds = bound_positioning(linear(rng, reversal=8.0).measured(rng)).bidirectional
+        assert bounds is not None
+        assert bounds.mean_reversal_error[0] < bounds.reversal_error[1]
+        refuted += bounds.reversal_error[0] != bounds.mean_reversal_error[0]
+    assert refuted <= 5
 
 
 def test_one_direction_has_bounds_of_its_own() -> None:
