@@ -1,12 +1,20 @@
 """How far the figures of an ISO 230-2 test may be from those of infinitely many runs of the same axis.
 
-Readings at a target scatter normally about their mean. What the figures of infinitely many runs probably are is drawn
-from the posterior of means and standard deviations, and each draw goes through the formulas of the figures themselves.
-Most figures are extremes over the targets, and an extreme of noisy estimates lies too far out. Readings of all targets
-together therefore tell how much targets differ at all: standard deviations are equal, or drawn from a scaled inverse
-chi-square distribution (Smyth 2004, DOI 10.2202/1544-6115.1027, with its degrees of freedom unknown); means and
-reversal errors are equal, or as found. Of what share of its variance an estimate keeps, all values are as
-probable beforehand (uniform shrinkage prior: Daniels 1999, DOI 10.2307/3316152). The bias that is left is simulated.
+Readings at a target scatter normally about their mean. Most figures are extremes over the targets, and an extreme of
+noisy estimates lies too far out. Bounds of ranges of means (E, M) and of the largest reversal error (B) come from tests
+of each value, inverted (`extremes`). What the standard deviations are is drawn from their posterior
+(`scatter_posterior`), and goes through the formulas of R and, with the means, of A.
+
+How much standard deviations differ between targets and directions, few runs hardly tell. The upper bound is that of the
+most general model. The lower one is also no higher than that of any simpler model that is not refuted, else chance that
+looks like a difference would raise it (bounds that hold whatever a nuisance parameter within its own bounds is: Berger
+and Boos 1994, DOI 10.1080/01621459.1994.10476836). The mean reversal error is a mean, with the degrees of freedom of
+Welch and Satterthwaite (JCGM 100:2008, G.4). The largest reversal error is no smaller than it: its lower bound is that
+of the mean one unless it is refuted that targets have the same.
+
+A maximum of means that may be equal has no derivative there. No estimate of it is unbiased, nor is any bound right both
+where means are equal and where they are not quite (Hirano and Porter 2012, DOI 10.3982/ECTA8681; Andrews 2000,
+DOI 10.1111/1468-0262.00114, of the bootstrap): where targets are alike in truth, upper bounds are held more often.
 
 The instrument's own error (its calibration, alignment, temperature) is alike in all runs, so readings do not show it.
 It changes with the position alone: it moves E, M and A, and leaves R and B (ISO 230-2:2014, Annex A, ISO/TR 230-9).
@@ -14,54 +22,36 @@ It changes with the position alone: it moves E, M and A, and leaves R and B (ISO
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
-from scipy.special import betaln, gammaln
+from scipy.special import chdtrc, ndtri, stdtrit
+from scipy.stats import qmc
 
 from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.metrology.extremes import draw_largest, draw_ranges
 from rotary_error_monitor.metrology.positioning import COVERAGE, PositioningRuns
+from rotary_error_monitor.metrology.scatter_posterior import REFUTED, ScatterDraws, draw_scatter
 
 Interval = tuple[float, float]
 
-DRAWS = 1000
-"""Probable axes that are drawn: 20 lie above the upper bound, give or take 4."""
+DRAWS = 1024
+"""Probable axes that are drawn, a power of 2 for Sobol' points: they leave 2.5 % beyond a bound within 0.2 %, as six
+times so many random ones do."""
 
-PART = 200
-"""Draws that are made at once, so that a thousand targets need no more than some 50 MB."""
+PART = 256
+"""Draws that are made at once, so that a thousand targets need no more than some 100 MB."""
 
-TAILS = 0.025, 0.98
-"""Parts of the draws below either bound. The upper one is further out than 0.975, for targets that lie as far out as
-their scatter hides are drawn in too far where their like is rare among the others."""
-
-TAILS_OF_MEANS = 0.018, 0.988
-"""The same of E and M, whose bias depends on how many targets come near their extremes, which noise hides."""
-
-ABOVE_OF_MEAN = 0.98
-"""Part of the draws below the upper bound of a mean over the targets, and above its lower one: scatter that differs
-between targets is taken for equal where it hardly shows."""
-
-BELOW_EQUAL = 0.04
-"""Part of the draws below the lower bound if all targets are taken as equal. The lower bound is no higher than this,
-else chance that looks like a difference between targets would raise it; the upper bound then hardly ever fails."""
+TAILS = 0.025, 0.975
+"""Parts of the draws below either bound."""
 
 RANGES = ("systematic_deviation", "mean_deviation_range", "accuracy")
-"""Figures that are ranges along the travel, by the ends of their names; the first two are ranges of means."""
+"""Figures that are ranges along the travel, by the ends of their names."""
 
-REFUTED = 0.01
-"""Probability below which targets are not equal: equal ones seem so in no more than 1 of 100 tests."""
-
-_EDGES = np.concatenate([[0.0], np.geomspace(1e-7, 0.1, 5), np.linspace(0.25, 1.0, 6)])
-SHARES, PROBABLE = (_EDGES[1:] + _EDGES[:-1]) / 2, np.diff(_EDGES)
-"""Shares of its variance that shrinkage takes from an estimate, which are tried, and how probable each is beforehand.
-The least are for axes whose errors are thousands of times their scatter."""
-
-SCALES = 53
-"""Values that are tried for the common standard deviation."""
-
-LEAST_VARIANCE = 1e-4
-"""Part of the mean variance below which that of a target is rounding of its readings."""
+OF_SCATTER = ("repeatability", "accuracy")
+"""Figures that standard deviations go into, by the ends of their names."""
 
 
 @dataclass(frozen=True)
@@ -107,32 +97,21 @@ def bound_positioning(runs: PositioningRuns, instrument: float = 0.0) -> Positio
     """95 % intervals for the figures that infinitely many runs would give; the same for the same readings.
 
     `instrument` is the standard uncertainty of the instrument's difference between two positions of the travel, m or
-    rad. Some 93 of 100 intervals or more hold the truth where the scatter of targets comes from one
-    distribution. Of a single target with three times the scatter of all others five runs tell too little: there the
-    upper bounds of R hold it less often.
+    rad. How many of 100 intervals hold the truth: doc/calibration.md. Of a single target with three times the scatter
+    of all others five runs tell too little: there the upper bounds of R hold it less often.
     """
     blocks = [runs.forward] if runs.backward is None else [runs.forward, runs.backward]
     ways = [
         _Way(np.nanmean(v, axis=1), np.nanvar(v, axis=1, ddof=1), np.isfinite(v).sum(axis=1).astype(np.float64))
         for v in blocks
     ]
-    drawn, equal = (_figures(_drawn(ways, equal=equal), instrument) for equal in (False, True))
-    found = {
-        name: (
-            float(min(np.quantile(values, _tails(name)[0]), np.quantile(equal[name], BELOW_EQUAL))),
-            float(np.quantile(values, _tails(name)[1])),
-        )
-        for name, values in drawn.items()
-    }
+    scatter = draw_scatter([way.variance for way in ways], [way.count for way in ways], DRAWS, np.random.default_rng(0))
+    found = _bounds(ways, scatter, instrument)
     if len(ways) == 1:
         return PositioningBounds(_direction(found, "forward"), None, None)
-    low, high = np.quantile(drawn["mean_reversal_error"], [1 - ABOVE_OF_MEAN, ABOVE_OF_MEAN])
-    found["mean_reversal_error"] = float(low), float(high)
-    # the largest reversal error is no smaller than that of targets that are alike, whatever they are
-    found["reversal_error"] = (
-        float(np.quantile(equal["reversal_error"], BELOW_EQUAL)),
-        found["reversal_error"][1],
-    )
+    low, high = found["mean_reversal_error"] = _bound_mean_reversal(*ways)
+    if _alike(ways[0].mean - ways[1].mean, ways, scatter) >= REFUTED:
+        found["reversal_error"] = max(0.0, low, -high), found["reversal_error"][1]
     names = BidirectionalBounds.__dataclass_fields__
     return PositioningBounds(
         _direction(found, "forward"),
@@ -141,170 +120,99 @@ def bound_positioning(runs: PositioningRuns, instrument: float = 0.0) -> Positio
     )
 
 
-def _tails(name: str) -> Interval:
-    return TAILS_OF_MEANS if name.endswith(RANGES[:2]) else TAILS
-
-
 def _direction(found: dict[str, Interval], way: str) -> DirectionBounds:
     return DirectionBounds(**{name: found[f"{way}_{name}"] for name in DirectionBounds.__dataclass_fields__})
 
 
-@dataclass(frozen=True)
-class _Draws:
-    """Probable standard deviations (d, m) by direction, and means (d, m): of both ways together, and of each by itself.
+def _bound_mean_reversal(there: _Way, back: _Way) -> Interval:
+    """The t interval of the mean reversal error."""
+    targets = len(there.mean)
+    middle = float((there.mean - back.mean).mean())
+    parts = np.concatenate([way.variance / way.count for way in (there, back)]) / targets**2
+    if not parts.any():
+        return middle, middle
+    freedom = parts.sum() ** 2 / (parts**2 / np.concatenate([way.count - 1 for way in (there, back)])).sum()
+    reach = float(stdtrit(freedom, TAILS[1]) * np.sqrt(parts.sum()))
+    return middle - reach, middle + reach
 
-    `still` and `still_alone` are such means without the noise of readings at single targets, `mean_reversal` (d,) the
-    mean reversal error; 0 of one way.
+
+def _alike(reversal: Array, ways: list[_Way], scatter: ScatterDraws) -> float:
+    """P-value of reversal errors (m,) that are equal: of chi-square, the mean over the probable variances.
+
+    Meng 1994, DOI 10.1214/aos/1176325622.
     """
-
-    spread: list[Array]
-    means: list[Array]
-    still: list[Array]
-    alone: list[Array]
-    still_alone: list[Array]
-    mean_reversal: Array
-
-
-def _drawn(ways: list[_Way], *, equal: bool) -> Iterator[_Draws]:
-    """The draws, part by part; with `equal` of targets that are alike unless that is refuted."""
-    rng = np.random.default_rng(0)
-    targets = len(ways[0].mean)
-    variances = _draw_variances(ways, equal, rng)
-    for start in range(0, DRAWS, PART):
-        part = variances[start : start + PART]
-        noise = [part[:, k * targets : (k + 1) * targets] / way.count for k, way in enumerate(ways)]
-        spread = [np.sqrt(square * way.count) for square, way in zip(noise, ways, strict=True)]
-        each = [_draw_profiles(way.mean, square, rng) for way, square in zip(ways, noise, strict=True)]
-        alone, still_alone = [one[0] for one in each], [one[1] for one in each]
-        means, still, mean_reversal = alone, still_alone, np.zeros(len(part))
-        if len(ways) == 2:
-            there, back = ways[0].mean, ways[1].mean
-            total = noise[0] + noise[1]
-            reversal, plain = _draw_profiles(there - back, total, rng, equal=equal)
-            # errors of the mean of both ways go with those of their difference where one way scatters more
-            along = (noise[0] - noise[1]) / (2 * total) if noise[0].any() else np.zeros_like(total)
-            middle = (there + back) / 2 - along * (there - back - reversal)
-            mean, rest = _draw_profiles(middle, total / 4 - along**2 * total, rng)
-            means = [mean + reversal / 2, mean - reversal / 2]
-            still = [rest + plain / 2, rest - plain / 2]
-            mean_reversal = (there - back).mean() + np.sqrt(total.sum(axis=1)) / targets * rng.normal(size=len(part))
-        yield _Draws(spread, means, still, alone, still_alone, mean_reversal)
-
-
-def _draw_variances(ways: list[_Way], equal: bool, rng: np.random.Generator) -> Array:
-    """(DRAWS, groups) probable variances of a reading, of all targets and directions."""
-    freedom = np.concatenate([way.count for way in ways]) - 1
-    found = np.concatenate([way.variance for way in ways])
-    middle = float(freedom @ found) / float(freedom.sum())
-    if middle == 0:
-        return np.zeros((DRAWS, found.size))
-    found = np.maximum(found, LEAST_VARIANCE * middle)
-    # log-spaced round the mean variance: single targets far out may hold most of it
-    scales = middle * np.exp(np.linspace(-2.5, 1.5, SCALES))
-    prior = freedom.mean() * (1 - SHARES) / SHARES
-    ratio = found / scales[:, None]
-    half = freedom / 2
-    same = (half * np.log(half * ratio) - half * ratio - gammaln(half)).sum(axis=1)
-    own = prior[:, None, None]
-    differing = (
-        half * np.log(freedom / own * ratio)
-        - betaln(half, own / 2)
-        - (freedom + own) / 2 * np.log1p(freedom * ratio / own)
-    ).sum(axis=2)
-    # equal or not: both as probable beforehand
-    log = np.concatenate([same, (differing + np.log(PROBABLE)[:, None]).ravel()])
-    weight = np.exp(log - log.max())
-    weight /= weight.sum()
-    if equal and weight[: scales.size].sum() >= REFUTED:
-        together = middle * freedom.sum() / rng.chisquare(freedom.sum(), size=(DRAWS, 1))
-        return np.asarray(np.broadcast_to(together, (DRAWS, found.size)))
-    chosen = rng.choice(log.size, size=DRAWS, p=weight)
-    result = np.empty((DRAWS, found.size))
-    alike = chosen < scales.size
-    result[alike] = scales[chosen[alike], None]
-    which, scale = np.unravel_index(chosen[~alike] - scales.size, differing.shape)
-    above = (prior[which] * scales[scale])[:, None] + freedom * found
-    result[~alike] = above / rng.chisquare(prior[which][:, None] + freedom)
-    return result
-
-
-def _draw_profiles(found: Array, noise: Array, rng: np.random.Generator, *, equal: bool = False) -> tuple[Array, Array]:
-    """(d, m) probable means with the noise of the readings, and the same without; `found` is (m,) or (d, m).
-
-    They are equal, or as found: errors of an axis follow curves whose extremes no distribution of all targets knows.
-    With `equal` they are equal unless that is refuted.
-    """
-    values = np.broadcast_to(found, noise.shape)
+    noise = sum((each / way.count for each, way in zip(scatter.probable, ways, strict=True)), np.zeros(len(reversal)))
     if not noise.any():
-        return values, values
-    probable, middle, deviation = _weigh_equality(values, noise)
-    alike = rng.uniform(size=(len(noise), 1)) < probable[:, None]
-    if equal and probable.mean() >= REFUTED:
-        alike[:] = True
-    common = (middle + deviation * rng.normal(size=len(noise)))[:, None]
-    drawn = values + np.sqrt(noise) * rng.normal(size=noise.shape)
-    return np.where(alike, common, drawn), np.where(alike, common, values)
+        return float(np.ptp(reversal) == 0)
+    weight = 1 / noise
+    common = (weight @ reversal) / weight.sum(axis=1)
+    square = (weight * np.square(reversal - common[:, None])).sum(axis=1)
+    return float(chdtrc(len(reversal) - 1, square).mean())
 
 
-def _weigh_equality(values: Array, noise: Array) -> tuple[Array, Array, Array]:
-    """How probable it is that values (d, m) with variances `noise` are equal and do not scatter normally.
-
-    Gives that probability, and of the value that they have in common the mean and standard deviation, each (d,).
-    """
-    usual = 1 / np.mean(1 / noise, axis=1, keepdims=True)
-    scatter = np.concatenate([np.zeros_like(usual), usual * (1 - SHARES) / SHARES], axis=1)
-    variance = scatter[:, :, None] + noise[:, None]
-    weight = 1 / variance
-    total = weight.sum(axis=-1)
-    common = (weight * values[:, None]).sum(axis=-1) / total
-    square = (weight * np.square(values[:, None] - common[:, :, None])).sum(axis=-1)
-    # equal or not: both as probable beforehand
-    log = -0.5 * (np.log(variance).sum(axis=-1) + square + np.log(total)) + np.log(np.append(1.0, PROBABLE))
-    share = np.exp(log - log.max(axis=1, keepdims=True))
-    return share[:, 0] / share.sum(axis=1), common[:, 0], np.sqrt(1 / total[:, 0])
-
-
-def _figures(drawn: Iterator[_Draws], instrument: float) -> dict[str, Array]:
-    """(DRAWS,) of each figure, by name.
-
-    Noise that is drawn beside that of the readings makes a range larger once more. By how much, the same draws tell
-    without it; the noise of the readings has done as much (Davison and Hinkley, Bootstrap Methods and their
-    Application, 1997, Section 5.2.1), so it is taken off twice.
-    """
-    parts, reversals = [], []
-    for part in drawn:
-        both = ((part.means, part.alone), (part.still, part.still_alone))
-        parts.append([_figures_of(part.spread, *each) for each in both])
-        reversals.append(part.mean_reversal)
-    moved = instrument * np.random.default_rng(1).normal(size=DRAWS)
-    result = {"mean_reversal_error": np.concatenate(reversals)}
-    for name in parts[0][0]:
-        values = np.concatenate([part[0][name] for part in parts])
-        without = np.concatenate([part[1][name] for part in parts])
-        values = values - 2 * (values - without).mean()
-        if name.endswith(RANGES):
-            values = values + moved
-        result[name] = np.maximum(values, 0.0)
-    return result
-
-
-def _figures_of(spread: list[Array], means: list[Array], alone: list[Array]) -> dict[str, Array]:
-    """Figures of draws, as `positioning` has them of readings; `alone` are means by the readings of their way alone."""
+def _bounds(ways: list[_Way], scatter: ScatterDraws, instrument: float) -> dict[str, Interval]:
+    """Intervals of all figures that are extremes, by name."""
+    means, counts = [way.mean for way in ways], [way.count for way in ways]
+    normal = _normal(sum(map(len, means)) + 1)
+    moved = instrument * normal[:, -1]
+    drawn = _figures(means, counts, scatter.probable, normal, ("",))
+    simpler = [_figures(means, counts, variances, normal, OF_SCATTER) for variances in scatter.simpler]
     found = {}
-    for name, mean, one in zip(("forward", "backward"), alone, spread, strict=False):
-        margin = COVERAGE * one
-        found[f"{name}_repeatability"] = 2 * margin.max(axis=1)
-        found[f"{name}_systematic_deviation"] = np.ptp(mean, axis=1)
-        found[f"{name}_accuracy"] = (mean + margin).max(axis=1) - (mean - margin).min(axis=1)
-    if len(means) == 1:
-        return found
-    both, margins = np.stack(means), COVERAGE * np.stack(spread)
-    reversal = both[0] - both[1]
-    across = np.maximum(margins.sum(axis=0) + np.abs(reversal), 2 * margins.max(axis=0))
-    return found | {
-        "reversal_error": np.abs(reversal).max(axis=1),
-        "repeatability": across.max(axis=1),
-        "systematic_deviation": np.max(both, axis=(0, 2)) - both.min(axis=(0, 2)),
-        "mean_deviation_range": np.ptp(both.mean(axis=0), axis=1),
-        "accuracy": (both + margins).max(axis=(0, 2)) - (both - margins).min(axis=(0, 2)),
-    }
+    for name, values in drawn.items():
+        each = [values, *(model[name] for model in simpler if name in model)]
+        if name.endswith(RANGES):
+            each = [np.maximum(one + moved, 0.0) for one in each]
+        low, high = min(float(np.quantile(one, TAILS[0])) for one in each), float(np.quantile(each[0], TAILS[1]))
+        found[name] = low, high
+    return found
+
+
+def _normal(columns: int) -> Array:
+    """(DRAWS, columns) standard normal, the same each time."""
+    if columns > qmc.Sobol.MAXDIM:
+        return np.random.default_rng(1).normal(size=(DRAWS, columns))
+    return np.asarray(ndtri(qmc.Sobol(columns, seed=1).random(DRAWS)))
+
+
+def _figures(
+    means: list[Array], counts: list[Array], variances: list[Array], normal: Array, wanted: tuple[str, ...]
+) -> dict[str, Array]:
+    """(DRAWS,) of each figure whose name ends as `wanted`, for variances of a reading (DRAWS, m) by direction."""
+    parts = []
+    for start in range(0, DRAWS, PART):
+        part = [each[start : start + PART] for each in variances]
+        noise = [each / count for each, count in zip(part, counts, strict=True)]
+        split = np.split(normal[start : start + PART, :-1], len(means), axis=1)
+        errors = [np.sqrt(each) * of for each, of in zip(noise, split, strict=True)]
+        parts.append(_figures_of(means, noise, errors, [COVERAGE * np.sqrt(each) for each in part], wanted))
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def _figures_of(
+    means: list[Array], noise: list[Array], errors: list[Array], margins: list[Array], wanted: tuple[str, ...]
+) -> dict[str, Array]:
+    """The figures as `positioning` has them of readings; of draws, see `extremes`."""
+    still = np.zeros_like(noise[0])
+    makers: dict[str, Callable[[], Array]] = {}
+    for name, *way in zip(("forward", "backward"), means, noise, errors, margins, strict=False):
+        mean, variance, error, margin = way
+        makers[f"{name}_repeatability"] = partial(_widest, margin)
+        makers[f"{name}_systematic_deviation"] = partial(draw_ranges, mean, variance, error, still)
+        makers[f"{name}_accuracy"] = partial(draw_ranges, mean, variance, error, margin)
+    if len(means) == 2:
+        reversal = means[0] - means[1], noise[0] + noise[1], errors[0] - errors[1]
+        middle = (means[0] + means[1]) / 2, (noise[0] + noise[1]) / 4, (errors[0] + errors[1]) / 2
+        both = np.concatenate(means), np.concatenate(noise, axis=1), np.concatenate(errors, axis=1)
+        margin = np.concatenate(margins, axis=1)
+        makers["reversal_error"] = partial(draw_largest, *reversal, still)
+        makers["repeatability"] = lambda: np.maximum(
+            draw_largest(*reversal, margins[0] + margins[1]), _widest(np.maximum(*margins))
+        )
+        makers["mean_deviation_range"] = partial(draw_ranges, *middle, still)
+        makers["systematic_deviation"] = partial(draw_ranges, *both, np.zeros_like(margin))
+        makers["accuracy"] = partial(draw_ranges, *both, margin)
+    return {name: make() for name, make in makers.items() if name.endswith(wanted)}
+
+
+def _widest(margin: Array) -> Array:
+    return np.asarray(2 * margin.max(axis=1))

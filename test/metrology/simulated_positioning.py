@@ -5,8 +5,8 @@ What infinitely many runs would give is written out from ISO 230-2 target by tar
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from rotary_error_monitor.metrology.positioning import PositioningRuns
 from rotary_error_monitor.metrology.positioning_bounds import PositioningBounds, bound_positioning
 
 Array = NDArray[np.float64]
+Noise = Callable[[np.random.Generator, tuple[int, int]], Array]
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,8 @@ class Axis:
         runs: how often it is measured.
         rotary: whether it turns.
         instrument: standard deviation of the instrument's error over the travel, m.
+        noise: what draws the scatter of a shape, of standard deviation 1.
+        drift: standard deviation of what a cycle has in common at all targets both ways, m or rad.
     """
 
     targets: Array
@@ -37,10 +40,12 @@ class Axis:
     runs: int = 5
     rotary: bool = False
     instrument: float = 0.0
+    noise: Noise = field(default=np.random.Generator.standard_normal)
+    drift: float = 0.0
 
     def truth(self) -> dict[str, float]:
         """The figures of infinitely many runs."""
-        (s, t), n = self.scatter, len(self.targets)
+        (s, t), n = np.hypot(self.scatter, self.drift), len(self.targets)
         rows = [(self.there[k], self.back[k], s[k], t[k]) for k in range(n)]
         tops = [max(f + 2 * a, b + 2 * c) for f, b, a, c in rows]
         feet = [min(f - 2 * a, b - 2 * c) for f, b, a, c in rows]
@@ -63,8 +68,10 @@ class Axis:
         """Runs there and back, by an instrument whose error grows along the travel and is alike in all runs."""
         along = (self.targets - self.targets[0]) / np.ptp(self.targets)
         offset = self.instrument * rng.normal() * along
+        shape = len(along), self.runs
+        common = self.drift * rng.normal(size=self.runs) if self.drift else 0.0
         readings = [
-            (mean + offset)[:, None] + scatter[:, None] * rng.normal(size=(len(along), self.runs))
+            (mean + offset)[:, None] + common + scatter[:, None] * self.noise(rng, shape)
             for mean, scatter in zip((self.there, self.back), self.scatter, strict=True)
         ]
         return PositioningRuns(self.targets, readings[0], readings[1], self.rotary)
@@ -102,7 +109,52 @@ def rotary(rng: np.random.Generator, *, runs: int = 5, play: float = 0.8) -> Axi
     return Axis(angles, 1e-6 * (mean + gap / 2), 1e-6 * (mean - gap / 2), 1e-6 * np.ones((2, 12)), runs, True)
 
 
-AXES: Mapping[str, Callable[[np.random.Generator], Axis]] = {
+def uniform(rng: np.random.Generator, shape: tuple[int, int]) -> Array:
+    """Scatter as of play that is passed through evenly."""
+    return rng.uniform(-np.sqrt(3), np.sqrt(3), shape)
+
+
+def heavy_tailed(rng: np.random.Generator, shape: tuple[int, int]) -> Array:
+    """Student's t of 6 degrees of freedom: kurtosis 6, twice that of normal scatter."""
+    return np.asarray(rng.standard_t(6, shape) / np.sqrt(6 / 4))
+
+
+def screw(rng: np.random.Generator, *, targets: int = 11, high: float = 4.0) -> Axis:
+    """A ball screw: an error that repeats along the travel, sampled at any phase, and one target that lies high."""
+    u = np.linspace(0, 1, targets)
+    mean = 3 * np.sin(2 * np.pi * (3.3 * u + rng.uniform()))
+    mean[rng.integers(1, targets - 1)] += high
+    play = 1.5 + 0.5 * u
+    scatter = np.ones((2, targets))
+    return Axis(u, 1e-6 * (mean + play / 2), 1e-6 * (mean - play / 2), 1e-6 * scatter)
+
+
+def long_travel(rng: np.random.Generator, *, targets: int = 40, drawn: float = 0.2) -> Axis:
+    """Many targets: pitch, errors of ground rails as a random walk, scatter that differs a little."""
+    u = np.linspace(0, 1, targets)
+    mean = 8 * u + 0.7 * np.cumsum(rng.normal(size=targets))
+    play = 1 + 0.5 * np.sin(2 * np.pi * u)
+    scatter = np.exp(drawn * rng.normal(size=(2, targets)))
+    return Axis(u, 1e-6 * (mean + play / 2), 1e-6 * (mean - play / 2), 1e-6 * scatter)
+
+
+def short_travel(rng: np.random.Generator) -> Axis:
+    """Five targets, the fewest of ISO 230-2; errors and play about as large as the scatter, which is larger back."""
+    u = np.linspace(0, 1, 5)
+    mean, play = 2 * rng.normal(size=5), 1.5 + 0.7 * rng.normal(size=5)
+    scatter = np.stack([np.ones(5), 1.6 * np.ones(5)])
+    return Axis(u, 1e-6 * (mean + play / 2), 1e-6 * (mean - play / 2), 1e-6 * scatter)
+
+
+def twins(rng: np.random.Generator) -> Axis:
+    """Two targets at each end of the errors that come within the scatter, others far: extremes of two or three."""
+    u = np.linspace(0, 1, 11)
+    mean = np.array([0, 0.4, 0.8, 5, 6, 7, 8, 9, 13, 13.3, 13.6]) + 0.1 * rng.normal(size=11)
+    play = np.array([0.5, 0.5, 0.5, 1, 1, 1, 1, 3, 3.2, 3.4, 1])
+    return Axis(u, 1e-6 * (mean + play / 2), 1e-6 * (mean - play / 2), 1e-6 * np.ones((2, 11)))
+
+
+AXES: dict[str, Callable[[np.random.Generator], Axis]] = {
     "small reversal": linear,
     "large reversal": lambda rng: linear(rng, reversal=8.0),
     "reversal that varies": lambda rng: linear(rng, reversal=3.0, varies=2.0),
@@ -115,6 +167,17 @@ AXES: Mapping[str, Callable[[np.random.Generator], Axis]] = {
     "rotary": rotary,
     "rotary, ten runs": lambda rng: rotary(rng, runs=10, play=0.0),
 }
+
+OTHER_AXES: dict[str, Callable[[np.random.Generator], Axis]] = {
+    "drift from run to run": lambda rng: replace(linear(rng, reversal=2.0), drift=0.5e-6),
+    "uniform scatter": lambda rng: replace(linear(rng, reversal=2.0), noise=uniform),
+    "heavy tails": lambda rng: replace(linear(rng, reversal=2.0), noise=heavy_tailed),
+    "screw, one target high": screw,
+    "40 targets": long_travel,
+    "5 targets": short_travel,
+    "targets alike at the extremes": twins,
+}
+"""Axes that nothing of the method was chosen on."""
 
 
 def interval(bounds: PositioningBounds, name: str) -> tuple[float, float]:
@@ -129,7 +192,7 @@ def missed(kind: str, count: int, stream: int = 0) -> dict[str, tuple[float, flo
     found: dict[str, list[tuple[bool, bool]]] = {}
     for seed in range(count):
         rng = np.random.default_rng([count, stream, seed])
-        axis = AXES[kind](rng)
+        axis = (AXES | OTHER_AXES)[kind](rng)
         bounds = bound_positioning(axis.measured(rng), axis.instrument)
         for name, true in axis.truth().items():
             low, high = interval(bounds, name)

@@ -1,20 +1,27 @@
-"""Of 500 simulated positioning tests the 95 % bound of each figure holds the truth in 93 of 100 or more.
+"""Of 500 simulated positioning tests the 95 % bound of each figure holds the truth in 92.5 of 100 or more.
 
-In 98 at most, but for extremes over targets that are alike in truth: readings do not tell that they are, and the upper
-bound allows that one is larger.
+All kinds see the same normal draws, so chance that lowers the rate of one lowers those of others. More than 98 of 100
+hold extremes over targets that are alike in truth: readings do not tell that they are, and the upper bound allows that
+one is larger. Scatter that is not normal is told apart: R, and A with it, takes it for normal.
 """
 
 from __future__ import annotations
 
 import pytest
-from metrology.simulated_positioning import AXES, missed
+from metrology.simulated_positioning import AXES, OTHER_AXES, missed
 
-LEAST, MOST, MOST_OF_EXTREMES = 0.93, 0.98, 0.999
+LEAST, MOST = 0.925, 0.98
+
+LEAST_NOT_NORMAL = 0.85
+"""Of R and A where the scatter has heavy tails, or readings of all targets have what a cycle adds in common."""
+
+NOT_NORMAL = ("heavy tails", "drift from run to run")
 
 
-@pytest.mark.parametrize("kind", AXES)
-def test_bounds_hold_the_truth_in_93_or_more(kind: str) -> None:
+@pytest.mark.parametrize("kind", AXES | OTHER_AXES)
+def test_bounds_hold_the_truth_in_nearly_all(kind: str) -> None:
     rates = {name: round(1 - sum(each), 3) for name, each in missed(kind, 500).items()}
     print(kind, rates)
-    assert all(LEAST <= rate <= MOST_OF_EXTREMES for rate in rates.values()), rates
+    of_scatter = {name for name in rates if kind in NOT_NORMAL and name.endswith(("repeatability", "accuracy"))}
+    assert all(rate >= (LEAST_NOT_NORMAL if name in of_scatter else LEAST) for name, rate in rates.items()), rates
     assert rates["bidirectional.mean_reversal_error"] <= MOST, rates
