@@ -2,7 +2,8 @@
 
 All kinds see the same normal draws, so chance that lowers the rate of one lowers those of others. More than 98 of 100
 hold extremes over targets that are alike in truth: readings do not tell that they are, and the upper bound allows that
-one is larger. Scatter that is not normal is told apart: R, and A with it, takes it for normal.
+one is larger. Scatter that is not normal is told apart: R, and A with it, takes it for normal. So are ranges of an axis
+without errors to speak of, all of whose targets are alike: no bound is right there and nearby (Hirano and Porter 2012).
 """
 
 from __future__ import annotations
@@ -17,11 +18,20 @@ LEAST_NOT_NORMAL = 0.85
 
 NOT_NORMAL = ("heavy tails", "drift from run to run")
 
+ALIKE, LEAST_ALIKE = "hardly any error", 0.86
+RANGES = ("systematic_deviation", "mean_deviation_range")
+
 
 @pytest.mark.parametrize("kind", AXES | OTHER_AXES)
 def test_bounds_hold_the_truth_in_nearly_all(kind: str) -> None:
     rates = {name: round(1 - sum(each), 3) for name, each in missed(kind, 500).items()}
     print(kind, rates)
-    of_scatter = {name for name in rates if kind in NOT_NORMAL and name.endswith(("repeatability", "accuracy"))}
-    assert all(rate >= (LEAST_NOT_NORMAL if name in of_scatter else LEAST) for name, rate in rates.items()), rates
+    assert all(rate >= least(kind, name) for name, rate in rates.items()), rates
     assert rates["bidirectional.mean_reversal_error"] <= MOST, rates
+
+
+def least(kind: str, name: str) -> float:
+    """What is asked of a figure."""
+    if kind in NOT_NORMAL and name.endswith(("repeatability", "accuracy")):
+        return LEAST_NOT_NORMAL
+    return LEAST_ALIKE if kind == ALIKE and name.endswith(RANGES) else LEAST
