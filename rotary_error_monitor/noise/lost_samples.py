@@ -17,7 +17,7 @@ MOST_TURNING = 0.05
 
 
 def input_gaps(recording: StageRecording) -> Array:
-    """(n, 2) spans of time in which nothing can be predicted: command or force were not recorded, or how it turned."""
+    """(n, 2) spans of time in which nothing can be predicted: command or force were not recorded."""
     spans: list[tuple[float, float]] = []
     for name in ("command", "force"):
         stream: Stream | None = recording.streams.get(name)
@@ -26,7 +26,7 @@ def input_gaps(recording: StageRecording) -> Array:
             spans += [(float(stream.time[i]), float(stream.time[i + 1])) for i in wide]
     command = recording.streams["command"]
     spans += [(-np.inf, float(command.time[0])), (float(command.time[-1]), np.inf)]
-    return np.concatenate([np.asarray(spans), turning_points(command)])
+    return np.asarray(spans)
 
 
 def between_samples(command: Stream, time: Array, least: float) -> NDArray[np.bool_]:

@@ -33,7 +33,7 @@ from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.rotor import HEAD
 from rotary_error_monitor.noise.head_grid import HeadRows, align_heads, rate_of, weight_of_rows
 from rotary_error_monitor.noise.jitter import Jitter
-from rotary_error_monitor.noise.lost_samples import between_samples, bridge, input_gaps, inside
+from rotary_error_monitor.noise.lost_samples import between_samples, bridge, input_gaps, inside, turning_points
 from rotary_error_monitor.noise.slow_noise import Cells, SlowNoise, cells_of
 from rotary_error_monitor.noise.whitening import Whitener, drift_predictor, few_at_once, predictor, segments_of
 from rotary_error_monitor.sensors.library import COMMAND, instrument_of, sensor_kinds, sensor_of
@@ -96,13 +96,17 @@ class StageNoise:
         self._slow: dict[str, Array] = {}
         self._sensors = [name for name in residual if not name.startswith("head_")]
         self._streams = {name: recording.streams[name] for name in residual}
-        lost = input_gaps(recording)
-        self._kept = {name: ~inside(recording.streams[name].time, lost) for name in residual}
+        lost, turning = input_gaps(recording), turning_points(recording.streams[COMMAND])
+        spans = {name: lost if name in self.grid.heads else np.concatenate([lost, turning]) for name in residual}
+        self._kept = {name: ~inside(recording.streams[name].time, own) for name, own in spans.items()}
         self._present = self._heads_present()
         least = self.std[HEAD] / np.sqrt(max(len(self.grid.heads), 1))
         self.uncommanded = between_samples(recording.streams[COMMAND], self.grid.time, least)
         self.spikes = {name: self._find_spikes(name, residual[name]) for name in self._sensors}
         self._row_weight = weight_of_rows(self.grid, self._weights)
+        for name in self.grid.heads:  # filters go on over turning points, as over a command that is not known
+            rows = self.grid.rows_of(name, inside(recording.streams[name].time, turning))
+            self._row_weight[rows], self.uncommanded[rows] = 0.0, True
         self._turbulence = {name: sensor_of(name).turbulence(stage) for name in self._sensors}
         self._kept_heads: HeadRows | None = None
         self._kept_line_basis: Array | None = None
