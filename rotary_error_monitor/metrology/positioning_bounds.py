@@ -107,8 +107,13 @@ def bound_positioning(runs: PositioningRuns, instrument: float = 0.0) -> Positio
     ]
     scatter = draw_scatter([way.variance for way in ways], [way.count for way in ways], DRAWS, np.random.default_rng(0))
     found = _bounds(ways, scatter, instrument)
+    for name, way in zip(("forward", "backward"), ways, strict=False):
+        _reach_of_two(found, f"{name}_systematic_deviation", way.mean, [way], instrument)
     if len(ways) == 1:
         return PositioningBounds(_direction(found, "forward"), None, None)
+    both = np.concatenate([way.mean for way in ways])
+    _reach_of_two(found, "systematic_deviation", both, ways, instrument)
+    _reach_of_two(found, "mean_deviation_range", (ways[0].mean + ways[1].mean) / 2, ways, instrument, 0.5)
     low, high = found["mean_reversal_error"] = _bound_mean_reversal(*ways)
     if _alike(ways[0].mean - ways[1].mean, ways, scatter) >= REFUTED:
         found["reversal_error"] = max(0.0, low, -high), found["reversal_error"][1]
@@ -118,6 +123,22 @@ def bound_positioning(runs: PositioningRuns, instrument: float = 0.0) -> Positio
         _direction(found, "backward"),
         BidirectionalBounds(**{name: found[name] for name in names}),
     )
+
+
+def _reach_of_two(
+    found: dict[str, Interval], name: str, means: Array, ways: list[_Way], instrument: float, share: float = 1.0
+) -> None:
+    """Where a range of means may be noise alone, its upper bound is no lower than that of the outermost two.
+
+    What other targets add to it is then not known: they may be anywhere between. `share` is the part of the variance
+    of a mean of one way that the means have.
+    """
+    variance = share * float(np.mean(np.concatenate([way.variance / way.count for way in ways])))
+    freedom = len(means) - 1
+    square = float(np.square(means - means.mean()).sum())
+    if variance > 0.0 and chdtrc(freedom, square / variance) >= REFUTED:
+        reach = float(ndtri(TAILS[1]) * np.sqrt(2 * variance + instrument**2))
+        found[name] = found[name][0], max(found[name][1], float(np.ptp(means)) + reach)
 
 
 def _direction(found: dict[str, Interval], way: str) -> DirectionBounds:
