@@ -179,6 +179,8 @@ class Recorder(ManagedNode):
             return
         self._ending.set()
         self._flusher.join()
+        for topic, count in self._counts.items():
+            self._note_lost(topic, count.finish())
         if bag.stopped is None:
             self._say_lost(bag)
             self._say_simulated(bag)
@@ -241,9 +243,7 @@ class Recorder(ManagedNode):
             if bag is None or bag.stopped is not None:
                 return
             if number is not None:
-                lost = count.observe(number)
-                if lost:
-                    self._lost[topic] = self._lost.get(topic, 0) + lost
+                self._note_lost(topic, count.observe(number))
             self._guard(lambda: bag.write(topic, data, received_ns, sequence=number or 0))
             self._waited = max(self._waited, (self.now_ns() - received_ns) / NANOSECONDS)
             self.note(topic, data)
@@ -251,6 +251,10 @@ class Recorder(ManagedNode):
                 self._note_simulated(data)
 
         return receive
+
+    def _note_lost(self, topic: str, messages: int) -> None:
+        if messages:
+            self._lost[topic] = self._lost.get(topic, 0) + messages
 
     def _note_simulated(self, data: bytes) -> None:
         """Take note of the topics that a node's diagnostics call simulated."""
