@@ -8,6 +8,7 @@ import subprocess
 import sys
 
 import pytest
+from checkout import node_names
 
 from rotary_error_monitor import __version__
 from rotary_error_monitor.cli import COMMANDS, main
@@ -55,6 +56,20 @@ def test_an_analysis_loads_neither_splines_nor_general_solvers():
         "print([name for name in ('scipy.interpolate', 'scipy.optimize', 'scipy.stats') if name in sys.modules])"
     )
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ended.stdout.strip() == "[]"
+
+
+def test_nodes_load_nothing_of_scipy():
+    """It loads for as long as all else that a node needs; only what diagnoses, and frames, want it from the start."""
+    names = sorted(set(node_names()) - {"gap_monitor", "visualization"})
+    code = (
+        "import sys, importlib\n"
+        f"for name in {names}:\n"
+        "    importlib.import_module(f'rotary_error_monitor.nodes.{name}')\n"
+        "print([name for name in sys.modules if name.split('.')[0] in ('scipy', 'matplotlib')])"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert len(names) > 5
     assert ended.stdout.strip() == "[]"
 
 

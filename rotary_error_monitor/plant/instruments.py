@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache, lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline, make_interp_spline
 
 from rotary_error_monitor.description.response import Response
 from rotary_error_monitor.description.stage import AngularHarmonic, ListedSensor, PeriodicTable, PlanarHarmonic
@@ -17,6 +17,9 @@ from rotary_error_monitor.plant.clocks import HEAD
 from rotary_error_monitor.plant.geometry import Plane, Turns, as_columns
 from rotary_error_monitor.plant.scene import Fault, Scene
 from rotary_error_monitor.plugins import load_plugin, origin_of, plugins_of
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
 
 Reals = NDArray[np.float64]
 
@@ -99,6 +102,8 @@ def waves(rows: Sequence[AngularHarmonic], turns: Turns) -> Reals:
 
 @lru_cache(maxsize=16)
 def _spline(table: PeriodicTable) -> BSpline:
+    from scipy.interpolate import make_interp_spline  # takes as long to load as all else that a node needs
+
     return make_interp_spline(*table.knots, k=3, bc_type="periodic")
 
 
