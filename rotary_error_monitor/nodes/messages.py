@@ -23,14 +23,14 @@ from geometry_msgs.msg import (
 )
 from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import JointState, PointCloud2, Temperature
+from sensor_msgs.msg import JointState, Temperature
 from std_msgs.msg import Header
 
 from rotary_error_monitor.codec.cdr_blocks import encode_block
 from rotary_error_monitor.description.wire import Topic
 from rotary_error_monitor.errors import InputError, excerpt
 from rotary_error_monitor.pipeline.joints import joint_motion_of
-from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock, block_from_bytes
+from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 
 Message: TypeAlias = Any
 """Any ROS message; their classes carry no types."""
@@ -99,26 +99,6 @@ def block_bytes(block: SampleBlock, frame: str) -> bytes:
     """
     _check_finite(block)
     return encode_block(block, frame)
-
-
-def block_from_message(message: PointCloud2) -> SampleBlock:
-    """Sample block from a point cloud; its rows share the message's memory.
-
-    Raises:
-        InputError: the layout is not that of a sample block.
-    """
-    if message.height != 1 or message.width < 1 or message.is_bigendian:
-        raise InputError(
-            f"no sample block: height {message.height}, width {message.width}, big-endian {message.is_bigendian}; "
-            "expected height 1, width at least 1, little-endian"
-        )
-    return block_from_bytes(
-        ns_from_stamp(message.header.stamp),
-        [(field.name, field.offset, field.datatype, field.count) for field in message.fields],
-        memoryview(message.data),
-        message.width,
-        message.point_step,
-    )
 
 
 def _check_finite(block: SampleBlock) -> None:

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pushed_inputs import push_error_motion, push_joint_state
 
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.errors import InputError
@@ -40,7 +41,7 @@ def pass_over(z: float, seconds: float = 5.0) -> list[tuple[int, dict[str, float
 
 def run(compensator: Compensator, states: Sequence[tuple[int, Mapping[str, float]]]) -> list[CompensationOutput]:
     velocities = {"X": FEED, "Z": 0.0, "Y": 0.0}
-    return [compensator.push_joint_state(stamp, positions, velocities) for stamp, positions in states]
+    return [push_joint_state(compensator, stamp, positions, velocities) for stamp, positions in states]
 
 
 def test_x_and_z_in_and_a_correction_of_y_out_that_never_reverses() -> None:
@@ -164,9 +165,9 @@ def test_old_or_incomplete_joint_states_are_refused() -> None:
     assert run(compensator, states[3:5]) == [CompensationOutput(), CompensationOutput()]
     assert compensator.joints.stream.late == 2
     with pytest.raises(InputError, match="lacks axis Z"):
-        compensator.push_joint_state(START + PERIOD * 99, {"X": 0.0, "Y": 0.0}, {})
+        push_joint_state(compensator, START + PERIOD * 99, {"X": 0.0, "Y": 0.0}, {})
 
 
 def test_error_motion_belongs_to_no_axis_of_it() -> None:
     with pytest.raises(InputError, match="machine grinder_zhou2023 has no monitored axis"):
-        Compensator(GRINDER).push_error_motion(ErrorMotion.unknown(1))
+        push_error_motion(Compensator(GRINDER), ErrorMotion.unknown(1))

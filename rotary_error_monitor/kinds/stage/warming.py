@@ -95,7 +95,7 @@ class ForceNoise:
         if FORCE not in recording.streams:
             return cls()
         read = recording.streams[FORCE]
-        pushes = (_Pushed(noise * axis, where_it_acts=True) for noise, axis in zip(noise_of(read.values), np.eye(2), strict=True))
+        pushes = (_Pushed(force, where_it_acts=True) for force in np.diag(noise_of(read.values)))
         return cls(tuple(OtherTwin(twin, push) for push in pushes), read.period)
 
     def squares(self, twin: StageTwin, stream: str) -> Array:
