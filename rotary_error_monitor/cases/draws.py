@@ -121,7 +121,7 @@ def draw_fault(
     return make_fault(name, location, **parameters)
 
 
-def draw_stage(draw: np.random.Generator, height: float = 0.06) -> StageDescription:
+def draw_stage(draw: np.random.Generator) -> StageDescription:
     """Stage as in Lou et al. 2019 (RESM20-USA200, four heads, quadrant autocollimator) with drawn errors."""
     heads = {"a": 0.0, "b": np.pi, "c": np.pi / 2, "d": 3 * np.pi / 2}
 
@@ -147,7 +147,7 @@ def draw_stage(draw: np.random.Generator, height: float = 0.06) -> StageDescript
             tilt_compliance=5e-8,
             radial_thermal=_pair(draw, 3e-7),
         ),
-        lvdt=Lvdt(height, 5e-8, _pair(draw, 5e-6)),
+        lvdt=Lvdt(0.06, 5e-8, _pair(draw, 5e-6)),
     )
 
 

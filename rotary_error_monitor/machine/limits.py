@@ -91,9 +91,7 @@ class LimitedCorrections:
     state: CorrectionState = field(repr=False)
 
 
-def axis_limits(
-    machine: MachineDescription, *, linear: Sequence[float], rotary: Sequence[float], longest_interval: float = 0.1
-) -> CorrectionLimits:
+def axis_limits(machine: MachineDescription, *, linear: Sequence[float], rotary: Sequence[float]) -> CorrectionLimits:
     """Limits of a machine's axes from (warning, error, rate) of its linear (m, m/s) and rotary (rad, rad/s) axes.
 
     Raises:
@@ -102,7 +100,7 @@ def axis_limits(
     rows = np.array([linear if axis.kind == "linear" else rotary for axis in machine.axes], dtype=np.float64)
     if rows.ndim != 2 or rows.shape[1] != 3:
         raise InputError(f"limits linear {linear}, rotary {rotary}; expected warning, error and rate for each")
-    return CorrectionLimits(machine.letters, rows[:, 0], rows[:, 1], rows[:, 2], longest_interval)
+    return CorrectionLimits(machine.letters, rows[:, 0], rows[:, 1], rows[:, 2])
 
 
 def initial_state(axes: int) -> CorrectionState:

@@ -71,7 +71,6 @@ class StageNoise:
         stage: states the noise of each sensor.
         recording: its sample times, gaps and spikes.
         residual: measured minus predicted (n, k) of each stream, from which spikes are told.
-        jitter: spectrum of the rotor's jitter.
         weights: (n, fields) of the samples of sensors whose rounding errors repeat.
 
     Attributes:
@@ -85,10 +84,9 @@ class StageNoise:
         stage: StageDescription,
         recording: StageRecording,
         residual: Mapping[str, Array],
-        jitter: Jitter | None = None,
         weights: Mapping[str, Array] | None = None,
     ) -> None:
-        self.jitter = jitter or Jitter()
+        self.jitter = Jitter()
         self.grid = align_heads(recording)
         self.std = noise_std(stage)
         self.levels = dict.fromkeys(self.std, 1.0)

@@ -109,11 +109,12 @@ def lagged_warming(
     return np.asarray(np.interp(time, grid, follows), dtype=np.float64)
 
 
-def intermittent_forces(seed: int, cycle: float = FORCE_CYCLE, count: int = 5, peak: float = 180.0) -> Forces:
-    """Seeded pushes as by hand on the turning shaft (Lou et al. 2019, Figure 15): from any side, up to `peak` N."""
+def intermittent_forces(seed: int, cycle: float = FORCE_CYCLE) -> Forces:
+    """Seeded pushes as by hand on the turning shaft (Lou et al. 2019, Figure 15): from any side, up to 180 N."""
+    count = 5
     draw = Noise(seed, "forces").generator()
     starts = np.sort(draw.uniform(0.1, 0.85, count)) * cycle
     durations = draw.uniform(0.03, 0.13, count) * cycle
-    angles, sizes = draw.uniform(0, 2 * np.pi, count), draw.uniform(0.1, 1.0, count) * peak
+    angles, sizes = draw.uniform(0, 2 * np.pi, count), draw.uniform(0.1, 1.0, count) * 180.0
     rows = zip(starts, durations, sizes * np.cos(angles), sizes * np.sin(angles), strict=True)
     return Forces(tuple(Push(float(start), float(length), (float(x), float(y))) for start, length, x, y in rows), cycle)

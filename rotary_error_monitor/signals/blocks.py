@@ -60,16 +60,14 @@ class SampleBlock:
         return np.stack([self.column(name) for name in names], axis=1)
 
 
-def block_from_samples(
-    times_ns: NDArray[np.int64], names: Sequence[str], values: NDArray[np.float64], stamp_ns: int | None = None
-) -> SampleBlock:
-    """Block of samples at `times_ns` (n,) with `values` (n, k) named `names`, by default stamped with its first.
+def block_from_samples(times_ns: NDArray[np.int64], names: Sequence[str], values: NDArray[np.float64]) -> SampleBlock:
+    """Block of samples at `times_ns` (n,) with `values` (n, k) named `names`, stamped with its first.
 
     Raises:
         InputError: there is no sample, or the shapes do not fit.
     """
     if len(times_ns) == 0 or values.shape != (len(times_ns), len(names)):
         raise InputError(f"{len(times_ns)} times and {len(names)} names do not fit values of shape {values.shape}")
-    stamp = int(times_ns[0]) if stamp_ns is None else stamp_ns
+    stamp = int(times_ns[0])
     seconds = (times_ns - stamp) * 1e-9
     return SampleBlock(stamp, ("t", *names), np.column_stack([seconds, values]).astype("<f8", copy=False))
