@@ -113,9 +113,8 @@ def commission(stage: StageDescription, stated: Stated, recorded: Recorded) -> C
         tuple(name in stated.signs for name in angular),
     )
     known = known_hand(stage, stated, shown)
-    handed = None
-    if tilt is not None:
-        handed = {way: each + known.get(way, 0.0) for way, each in log_hand(tilt, limits.tilt).items()}
+    hand = {} if tilt is None else log_hand(tilt, limits.tilt)
+    handed = {way: each + known.get(way, 0.0) for way, each in hand.items()} or None
     described = np.array(list(stage.azimuths.values()))
     priors = _with_curve(stage, stated, shown, prior)
     weighed = weigh_layouts(heads.response, described, priors, signs, handed)

@@ -108,8 +108,7 @@ def combine_runs(
     Stops of different runs that are as near to one another as `position_noise` (standard deviation, m) and a part of
     their spacing let them be are the same stop, and are averaged. Runs that share no stops, such as scans, are fitted
     by a spline with a node every `spacing` m (by default the largest median sample spacing, up to twice that where the
-    samples leave gaps). Each run has a
-    height of its own: a shift of the sensor between runs is no repeatability.
+    samples leave gaps). Each run has a height of its own: a shift of the sensor between runs is no repeatability.
 
     Args:
         runs: in any order, each with its positions in any order.
@@ -128,17 +127,16 @@ def combine_runs(
         check_profile(run.positions, run.readings)
     if {run.direction for run in runs} - {1, -1}:
         raise InputError(f"directions {sorted({run.direction for run in runs})}: +1 and -1 are known")
-    stops = _common_stops(runs, position_noise)
-    if stops is None:
+    if (stops := _common_stops(runs, position_noise)) is None:
         return _combine_scans(runs, spacing)
     positions, indices = stops
     tables = _tabulate(runs, positions, indices)
-    if any(np.any(run.positions != positions[index]) for run, index in zip(runs, indices, strict=True)):
+    placed = list(zip(runs, indices, strict=True))
+    if any(np.any(run.positions != positions[index]) for run, index in placed):
         # a stop that is a little off reads the slope there as well
         slope = np.gradient(_average(positions, tables, ()).mean, positions)
         straight = [
-            replace(run, readings=run.readings - slope[index] * (run.positions - positions[index]))
-            for run, index in zip(runs, indices, strict=True)
+            replace(run, readings=run.readings - slope[i] * (run.positions - positions[i])) for run, i in placed
         ]
         tables = _tabulate(straight, positions, indices)
     least = max(noise / 2, ROUNDING * max(float(np.abs(run.readings).max()) for run in runs))

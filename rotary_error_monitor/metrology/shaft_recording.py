@@ -109,16 +109,11 @@ def record_shaft(stage: StageDescription, heads: Mapping[str, Stream], tilt: Str
     )
     if tilt is None:
         return shaft
-    mirror = sampled[-1]
-    instrument = stage.tilt_instrument
+    instrument, mirror = stage.tilt_instrument, sampled[-1]
     saturated = check_saturation(tilt[1], instrument, stage.response("autocollimator"))
-    spread = [tilt_variance(instrument, mirror.gain, mirror.travel[:, k]) for k in range(2)]
-    return replace(
-        shaft,
-        tilt=mirror.values[valid],
-        tilt_variances=np.stack(spread, axis=1)[valid],
-        tilt_valid=~_near_saturated(tilt, ticks[valid], period, saturated),
-    )
+    spread = [tilt_variance(instrument, mirror.gain, mirror.travel[:, k])[valid] for k in range(2)]
+    usable = ~_near_saturated(tilt, ticks[valid], period, saturated)
+    return replace(shaft, tilt=mirror.values[valid], tilt_variances=np.stack(spread, axis=1), tilt_valid=usable)
 
 
 def _near_saturated(

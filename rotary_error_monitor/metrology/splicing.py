@@ -227,12 +227,8 @@ def _solve(
     if form is not None:
         prior[count:] = (MIRROR_RANGE / form.range) ** 2
 
-    normal = csr_array(design.T @ design)
-    if roughness > 0:
-        third = csr_array(np.diff(np.eye(design.shape[1]), DEGREE, axis=0)) / roughness
-        normal = csr_array(normal + third.T @ third)
     try:
-        factor = cholesky_banded(_upper_band(normal))
+        factor = _factor(design, roughness)
     except np.linalg.LinAlgError as error:
         raise InputError(
             f"the readings do not determine the curve between {samples.min():g} and {samples.max():g} m: a part of it "
@@ -260,6 +256,19 @@ def _solve(
     return _Solution(
         positions, basis @ coefficients, covariance, slopes, offsets, placed[count:], form_covariance, spline
     )
+
+
+def _factor(design: csr_array, roughness: float) -> NDArray[np.float64]:
+    """Banded factor by Cholesky of the spline's normal matrix.
+
+    Raises:
+        LinAlgError: the matrix is singular.
+    """
+    normal = csr_array(design.T @ design)
+    if roughness > 0:
+        third = csr_array(np.diff(np.eye(design.shape[1]), DEGREE, axis=0)) / roughness
+        normal = csr_array(normal + third.T @ third)
+    return np.asarray(cholesky_banded(_upper_band(normal)), np.float64)
 
 
 def _placement_columns(parts: Sequence[PlacedSegment], middle: float, orders: int) -> NDArray[np.float64]:
