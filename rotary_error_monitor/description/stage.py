@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -158,16 +158,7 @@ class StageDescription:
     @property
     def limits(self) -> StageLimits:
         """What the stage can do at most, as stated in the file or else derived from what it describes."""
-        spindle = self.spindle
-        derived = derive_limits(
-            spindle.radial,
-            spindle.tilt,
-            spindle.radial_compliance,
-            spindle.tilt_compliance,
-            spindle.radial_thermal,
-            spindle.axial,
-        )
-        return derived.stated(self.stated_limits)
+        return replace(derive_limits(self.spindle), **self.stated_limits)
 
 
 def load_stage(path: Path | str | None = None) -> StageDescription:

@@ -37,6 +37,7 @@ from rotary_error_monitor.metrology.reference_mirror import (
     mirror_form,
     place_segment,
 )
+from rotary_error_monitor.metrology.scans import DEGREE, gap_between, knots_of, upper_band
 from rotary_error_monitor.metrology.straightness import LineMethod, Straightness, estimate_straightness
 
 DETAIL = 1e-3
@@ -48,8 +49,6 @@ LARGEST_STEP = 5.0
 FEWEST_POSITIONS = 500
 """Intervals in which a profile is given at least: the line of least squares through its points, of which those at the
 ends count whole, then is that of the curve to a thousandth (of 100 intervals, to half a percent)."""
-
-DEGREE = 3
 
 
 @dataclass(frozen=True)
@@ -174,13 +173,9 @@ def _knots(parts: Sequence[PlacedSegment], spacing: float | None) -> NDArray[np.
         if 1 < longest / spacing <= LARGEST_STEP / 2:  # so few nodes that each two have a sample between them
             spacing = (last - first) / max(1, math.floor((last - first) / longest))
     breaks = np.linspace(first, last, max(2, round((last - first) / spacing) + 1))
-    count, _ = np.histogram(samples, breaks)
-    if np.any(count == 0):
-        at = int(np.argmin(count))
-        raise InputError(
-            f"no sample from {breaks[at]:g} m to {breaks[at + 1]:g} m; measure without the gap or widen the spacing"
-        )
-    return np.concatenate([np.full(DEGREE, first), breaks, np.full(DEGREE, last)])
+    if empty := gap_between(breaks, samples):
+        raise InputError(f"no sample {empty}; measure without the gap or widen the spacing")
+    return knots_of(breaks)
 
 
 def _shows_detail(parts: Sequence[PlacedSegment], solution: _Solution) -> bool:
@@ -196,8 +191,7 @@ def _fine_knots(parts: Sequence[PlacedSegment]) -> NDArray[np.float64]:
     first = min(float(part.positions[0]) for part in parts)
     last = max(float(part.positions[-1]) for part in parts)
     spacing = max(max(float(np.median(np.diff(part.positions))) for part in parts), (last - first) / 1000)
-    breaks = np.linspace(first, last, max(2, round((last - first) / spacing) + 1))
-    return np.concatenate([np.full(DEGREE, first), breaks, np.full(DEGREE, last)])
+    return knots_of(np.linspace(first, last, max(2, round((last - first) / spacing) + 1)))
 
 
 def _roughness(parts: Sequence[PlacedSegment]) -> float:
@@ -268,7 +262,7 @@ def _factor(design: csr_array, roughness: float) -> NDArray[np.float64]:
     if roughness > 0:
         third = csr_array(np.diff(np.eye(design.shape[1]), DEGREE, axis=0)) / roughness
         normal = csr_array(normal + third.T @ third)
-    return np.asarray(cholesky_banded(_upper_band(normal)), np.float64)
+    return np.asarray(cholesky_banded(upper_band(normal)), np.float64)
 
 
 def _placement_columns(parts: Sequence[PlacedSegment], middle: float, orders: int) -> NDArray[np.float64]:
@@ -280,13 +274,6 @@ def _placement_columns(parts: Sequence[PlacedSegment], middle: float, orders: in
             block[:, 2 * number - 1] = 1.0
         rows.append(np.column_stack([block, form_columns(part, orders)]))
     return np.concatenate(rows)
-
-
-def _upper_band(matrix: csr_array) -> NDArray[np.float64]:
-    band = np.zeros((DEGREE + 1, matrix.shape[0]))
-    for above in range(DEGREE + 1):
-        band[DEGREE - above, above:] = matrix.diagonal(above)
-    return band
 
 
 def _residual(part: PlacedSegment, number: int, solution: _Solution) -> NDArray[np.float64]:
