@@ -19,7 +19,7 @@ from rotary_error_monitor.analysis.rotation import speeds_in
 from rotary_error_monitor.analysis.runs import Segment, find_segments
 from rotary_error_monitor.analysis.signals import RADIAL, Estimates, Signal, radial_at, signals_of, survey
 from rotary_error_monitor.analysis.verification_result import AxisFigures, ReferenceComparison, TurningComparison
-from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.arrays import Array, Mask
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.error_motion import reading_variance, rotate
@@ -180,7 +180,7 @@ def _pairs(
     ), remarks
 
 
-def _proven(both: NDArray[np.bool_], proven: NDArray[np.bool_], period: int) -> tuple[NDArray[np.bool_], list[str]]:
+def _proven(both: Mask, proven: Mask, period: int) -> tuple[Mask, list[str]]:
     """Which ticks count: those with a proven description, if there are some; and that others are left out."""
     if not (both & proven).any():
         return both, []
@@ -293,13 +293,7 @@ def _clusters(theta: Array, segment: Segment, turned: float, begin: int) -> NDAr
 
 
 def _turning(
-    part: _Part,
-    pairs: _Pairs,
-    reference: Reference,
-    eccentricity: Array,
-    zero: Array,
-    left: Array,
-    chance: float,
+    part: _Part, pairs: _Pairs, reference: Reference, eccentricity: Array, zero: Array, left: Array, chance: float
 ) -> TurningComparison:
     """Figures of one direction and speed, from what is left (m, p) of reference minus estimate."""
     rows, turns, count = part.rows, part.turns, len(reference.axes)

@@ -11,10 +11,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag, helmert
 
-from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.arrays import Array, Complex
 from rotary_error_monitor.description.stage import AngularHarmonic, Encoder, StageDescription
 from rotary_error_monitor.metrology.encoder_heads import LEAST_SEEN, seen_part
 from rotary_error_monitor.metrology.harmonics import angular_sum
@@ -117,7 +116,7 @@ def estimate_ring_assembly(
     )
 
 
-def _pattern(azimuths: Array, contrasts: Array, order: int) -> NDArray[np.complex128]:
+def _pattern(azimuths: Array, contrasts: Array, order: int) -> Complex:
     """(c,) how a ring's wave of that order appears in the contrasts between heads; nothing where it is hidden."""
     if seen_part(azimuths, order) < LEAST_SEEN:
         return np.zeros(len(contrasts), dtype=np.complex128)
@@ -136,17 +135,12 @@ class _Ring:
 
 
 def _fit_ring(
-    seen: Observed,
-    azimuths: Array,
-    contrasts: Array,
-    described: Sequence[int],
-    told: int,
-    encoder: Encoder,
+    seen: Observed, azimuths: Array, contrasts: Array, described: Sequence[int], told: int, encoder: Encoder
 ) -> _Ring:
     floor = LEAST_NOISE * float(seen.variances.mean())
     always = sorted({1, *described})
 
-    def pattern(order: int) -> NDArray[np.complex128]:
+    def pattern(order: int) -> Complex:
         return _pattern(azimuths, contrasts, order)
 
     def fitted(orders: set[int]) -> OrderFit:
@@ -188,7 +182,7 @@ class _Split:
         shapes: (c,) amplitudes by channel of a unit wave, for the orders that the ring has; others are free.
     """
 
-    def __init__(self, fit: OrderFit, shapes: Mapping[int, NDArray[np.complex128]]) -> None:
+    def __init__(self, fit: OrderFit, shapes: Mapping[int, Complex]) -> None:
         self._fit, self.shapes = fit, shapes
         channels = fit.coefficients.shape[1]
         # cos and sin of order k of the graduation are cos(k psi) and sin(k psi), psi = azimuth - theta

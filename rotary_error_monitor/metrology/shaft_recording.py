@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.arrays import Array, Mask
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.encoder_heads import LEAST_SEEN, seen_part
@@ -61,7 +61,7 @@ class ShaftRecording:
     reach: float = 0.0
     tilt: Array | None = None
     tilt_variances: Array | None = None
-    tilt_valid: NDArray[np.bool_] | None = None
+    tilt_valid: Mask | None = None
 
 
 def record_shaft(stage: StageDescription, heads: Mapping[str, Stream], tilt: Stream | None) -> ShaftRecording:
@@ -116,9 +116,7 @@ def record_shaft(stage: StageDescription, heads: Mapping[str, Stream], tilt: Str
     return replace(shaft, tilt=mirror.values[valid], tilt_variances=np.stack(spread, axis=1), tilt_valid=usable)
 
 
-def _near_saturated(
-    stream: Stream, ticks: NDArray[np.int64], period: int, saturated: NDArray[np.bool_]
-) -> NDArray[np.bool_]:
+def _near_saturated(stream: Stream, ticks: NDArray[np.int64], period: int, saturated: Mask) -> Mask:
     """(m,) whether a sample within a period of a tick stood at the end of the measuring range."""
     at = stream[0][saturated]
     before = np.searchsorted(at, ticks - period)

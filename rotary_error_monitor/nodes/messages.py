@@ -21,11 +21,11 @@ from geometry_msgs.msg import (
     Vector3Stamped,
     WrenchStamped,
 )
-from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState, Temperature
 from std_msgs.msg import Header
 
+from rotary_error_monitor.arrays import Array, Mask
 from rotary_error_monitor.codec.cdr_blocks import encode_block
 from rotary_error_monitor.description.wire import Topic
 from rotary_error_monitor.errors import InputError, excerpt
@@ -203,11 +203,7 @@ def temperature_message(stamp_ns: int, frame: str, temperature: float) -> Temper
 
 
 def pose_message(
-    stamp_ns: int,
-    frame: str,
-    offset: NDArray[np.float64],
-    covariance: NDArray[np.float64],
-    observable: NDArray[np.bool_] | None = None,
+    stamp_ns: int, frame: str, offset: Array, covariance: Array, observable: Mask | None = None
 ) -> PoseWithCovarianceStamped:
     """Six-component offset (x y z in m, rotation vector in rad) with its covariance (6, 6).
 
@@ -232,7 +228,7 @@ def pose_message(
     return message
 
 
-def figures_message(stamp_ns: int, frame: str, components: NDArray[np.float64]) -> TwistStamped:
+def figures_message(stamp_ns: int, frame: str, components: Array) -> TwistStamped:
     """Six components (m, then rad) in µm and µrad, as people read them; NaN leaves a gap in a plot."""
     message = TwistStamped(header=header(stamp_ns, frame))
     vectors = (message.twist.linear, message.twist.angular)
@@ -241,7 +237,7 @@ def figures_message(stamp_ns: int, frame: str, components: NDArray[np.float64]) 
     return message
 
 
-def quaternion(rotation: NDArray[np.float64]) -> Quaternion:
+def quaternion(rotation: Array) -> Quaternion:
     """Unit quaternion of a rotation vector (3,), rad."""
     angle = math.sqrt(float(rotation @ rotation))
     # sin(angle/2)/angle loses all digits at zero, where its series 1/2 - angle²/48 is exact to rounding.
@@ -250,7 +246,7 @@ def quaternion(rotation: NDArray[np.float64]) -> Quaternion:
     return Quaternion(x=x, y=y, z=z, w=math.cos(angle / 2))
 
 
-def rotation_vector(orientation: Quaternion) -> NDArray[np.float64]:
+def rotation_vector(orientation: Quaternion) -> Array:
     """Rotation vector (3,) in rad of a unit quaternion, at most half a turn long."""
     sign = math.copysign(1.0, orientation.w)
     vector = sign * np.array([orientation.x, orientation.y, orientation.z])

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array, Complex
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant.noise import Noise
 
@@ -51,7 +51,7 @@ class Forces:
             if push.start + push.duration > self.cycle:
                 raise InputError(f"{push} ends after the cycle of {self.cycle} s")
 
-    def at(self, time: NDArray[np.float64]) -> NDArray[np.complex128]:
+    def at(self, time: Array) -> Complex:
         """(n,) force at `time` (n,) s as `x + 1j * y`, N in the base."""
         force = np.zeros(len(time), dtype=np.complex128)
         within = np.mod(time, self.cycle)
@@ -74,7 +74,7 @@ class Temperature:
     swing: float = 0.0
     period: float = 3600.0
 
-    def at(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+    def at(self, time: Array) -> Array:
         """(n,) temperature at `time` (n,) s, °C; before time 0 it is that of time 0."""
         passed = np.maximum(time, 0)
         return np.asarray(
@@ -92,9 +92,7 @@ def place_temperature(whole: Temperature, seed: int, place: str) -> Temperature:
     return Temperature(start=whole.start, rise=rise, settling=settling)
 
 
-def lagged_warming(
-    temperature: Temperature, reference: float, time: NDArray[np.float64], lag: float
-) -> NDArray[np.float64]:
+def lagged_warming(temperature: Temperature, reference: float, time: Array, lag: float) -> Array:
     """(n,) K above the reference at `time` (n,) s of a part that follows the temperature within `lag` s.
 
     The part begins at time 0 with the temperature of then. The equation of first order is solved on a fixed grid, so

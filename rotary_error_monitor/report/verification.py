@@ -28,7 +28,8 @@ from rotary_error_monitor.report.page import (
     verdict,
     whole_page,
 )
-from rotary_error_monitor.report.wording import MICRO, aligned
+from rotary_error_monitor.report.wording import aligned
+from rotary_error_monitor.units import MICRO
 
 _TERMS = {
     "difference": "reference less monitor, the reference's zero and the eccentricity of its target taken off",

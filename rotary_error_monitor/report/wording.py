@@ -9,9 +9,6 @@ from rotary_error_monitor.effects.effect import Estimate
 from rotary_error_monitor.gap.quantities import quantity
 from rotary_error_monitor.metrology.spindle_figures import Value
 
-MICRO = 1e6
-"""µm in a metre, µrad in a radian."""
-
 _HEIGHT = re.compile(r"(?<=\d)mm\b")
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
