@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.arrays import Array, Mask
+from rotary_error_monitor.arrays import Array, Mask, Times
 
 FEWEST_TO_FIT = 8
 """Samples in a cell from which the fit is used; below it the interpolation has no more noise."""
@@ -59,7 +59,7 @@ def tick_times(first: int, count: int, period_ns: int) -> NDArray[np.int64]:
     return np.arange(first, first + count, dtype=np.int64) * period_ns + period_ns // 2
 
 
-def count_decided(times_ns: NDArray[np.int64], ticks_ns: NDArray[np.int64], period_ns: int) -> int:
+def count_decided(times_ns: Times, ticks_ns: Times, period_ns: int) -> int:
     """How many of the leading `ticks_ns` have all the samples that they will ever need."""
     if len(times_ns) == 0 or len(ticks_ns) == 0:
         return 0
@@ -72,15 +72,13 @@ def count_decided(times_ns: NDArray[np.int64], ticks_ns: NDArray[np.int64], peri
     return int(np.argmax(undecided)) if undecided.any() else len(ticks_ns)
 
 
-def resample(
-    times_ns: NDArray[np.int64], values: Array, ticks_ns: NDArray[np.int64], period_ns: int, max_gap_ns: int
-) -> Resampled:
+def resample(times_ns: Times, values: Array, ticks_ns: Times, period_ns: int, max_gap_ns: int) -> Resampled:
     """One signal, values (n, k) sampled at `times_ns` (n,), given at the ticks `ticks_ns` (m,); see `resample_all`."""
     return resample_all([(times_ns, values)], ticks_ns, period_ns, max_gap_ns)[0]
 
 
 def resample_all(
-    signals: Sequence[tuple[NDArray[np.int64], Array]], ticks_ns: NDArray[np.int64], period_ns: int, max_gap_ns: int
+    signals: Sequence[tuple[NDArray[np.int64], Array]], ticks_ns: Times, period_ns: int, max_gap_ns: int
 ) -> list[Resampled]:
     """Each signal, values (n, k) sampled at times (n,), given at the ticks `ticks_ns` (m,).
 
@@ -108,7 +106,7 @@ def resample_all(
 class _Cells:
     """A signal and which of its samples, [start, stop), belong to which tick."""
 
-    times: NDArray[np.int64]
+    times: Times
     values: Array
     ticks: NDArray[np.int64]
     start: NDArray[np.int64]
@@ -135,19 +133,17 @@ def _merged(whole: Resampled | None, part: Resampled, chosen: Mask) -> Resampled
     return whole
 
 
-def _fit_end(ticks_ns: NDArray[np.int64], period_ns: int) -> NDArray[np.int64]:
+def _fit_end(ticks_ns: Times, period_ns: int) -> NDArray[np.int64]:
     return ticks_ns - period_ns // 2 + round(period_ns * (1 - GUARD))
 
 
-def _cells(
-    times_ns: NDArray[np.int64], ticks_ns: NDArray[np.int64], period_ns: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _cells(times_ns: Times, ticks_ns: Times, period_ns: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     start = np.searchsorted(times_ns, ticks_ns - period_ns // 2)
     stop = np.searchsorted(times_ns, _fit_end(ticks_ns, period_ns))
     return start, stop
 
 
-def _interpolate(times_ns: NDArray[np.int64], values: Array, ticks_ns: NDArray[np.int64], max_gap_ns: int) -> Resampled:
+def _interpolate(times_ns: Times, values: Array, ticks_ns: Times, max_gap_ns: int) -> Resampled:
     """Cubic through the four samples around each tick (Lagrange's form)."""
     m, k = len(ticks_ns), values.shape[1]
     if len(times_ns) < 4:
