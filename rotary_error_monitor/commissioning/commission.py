@@ -65,11 +65,6 @@ class Commissioning:
     remarks: tuple[str, ...]
 
     @property
-    def possible(self) -> tuple[Weighed, ...]:
-        """The likeliest layout, and those that the recording does not tell from it."""
-        return self.likeliest, *self.others
-
-    @property
     def settled(self) -> bool:
         """Whether all that is wrong is put right by the parameters."""
         return all(finding.settled for finding in self.findings)

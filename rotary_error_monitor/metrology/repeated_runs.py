@@ -90,11 +90,6 @@ class RepeatedRuns:
     outliers: tuple[Outlier, ...] = ()
     freedom: int = 0
 
-    @property
-    def standard_uncertainty(self) -> float:
-        """Of `mean` by repetition, root mean square over the positions, m; zero if no run was repeated."""
-        return 0.0 if self.uncertainty is None else float(np.sqrt(np.mean(self.uncertainty**2)))
-
 
 def combine_runs(
     runs: Sequence[Run],

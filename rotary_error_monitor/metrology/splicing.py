@@ -76,11 +76,6 @@ class SplicedProfile:
     warnings: tuple[str, ...]
     mirror: MirrorForm | None = None
 
-    @property
-    def standard_uncertainty(self) -> Array:
-        """(n,) standard uncertainty along the axis, relative to the first segment, m; it grows with every joint."""
-        return cast("Array", np.sqrt(np.diag(self.covariance)))
-
     def straightness(self, method: LineMethod = "least_squares") -> Straightness:
         """Straightness of the whole axis."""
         return estimate_straightness(self.positions, self.profile, method)

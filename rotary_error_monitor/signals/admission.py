@@ -104,11 +104,6 @@ class Admission:
     def __post_init__(self) -> None:
         self.forget()
 
-    @property
-    def newest_ns(self) -> int | None:
-        """Timestamp (ns) of the newest sample that was taken, one that waits for its neighbour included."""
-        return self._newest_ns
-
     def forget(self) -> None:
         """Begin anew, as before the first sample; counts stay."""
         self._newest_ns: int | None = None

@@ -62,7 +62,9 @@ def judge(
     heads = built.true["encoder"]["heads"]
     letters = list(heads)
     truly = _layout(built), heads[letters[0]]["sign"], mirrored
-    possible = [(each.layout.places, each.layout.sense, each.layout.mirrored) for each in result.possible]
+    possible = [
+        (each.layout.places, each.layout.sense, each.layout.mirrored) for each in (result.likeliest, *result.others)
+    ]
     right = truly == possible[0]
     return Judged(
         result,

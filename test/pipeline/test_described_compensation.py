@@ -17,6 +17,7 @@ from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.metrology.guideway_compensation import count_reversals
 from rotary_error_monitor.pipeline.compensation import CompensationSettings, Compensator, InputsUsed
 from rotary_error_monitor.pipeline.corrections import CompensationOutput, OffsetReport
+from rotary_error_monitor.signals.admission import LATE
 
 GRINDER = load_machine("grinder_zhou2023")
 START = 1_763_700_000_000_000_000
@@ -163,7 +164,7 @@ def test_old_or_incomplete_joint_states_are_refused() -> None:
     states = pass_over(-0.4, 0.1)
     run(compensator, states)
     assert run(compensator, states[3:5]) == [CompensationOutput(), CompensationOutput()]
-    assert compensator.joints.stream.late == 2
+    assert compensator.joints.stream.admission.refused[LATE] == 2
     with pytest.raises(InputError, match="lacks axis Z"):
         push_joint_state(compensator, START + PERIOD * 99, {"X": 0.0, "Y": 0.0}, {})
 

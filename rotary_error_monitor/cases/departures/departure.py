@@ -85,10 +85,6 @@ class Varied:
         """Parameters of the textbook form."""
         return self.textbook.parameters
 
-    def scaled(self, factor: float) -> Varied:
-        """The same fault, `factor` times as large, departing by the same part of it."""
-        return replace(self, textbook=self.textbook.scaled(factor))
-
 
 AnyFault = Named | Varied
 
