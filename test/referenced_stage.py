@@ -7,10 +7,10 @@ from copy import deepcopy
 from typing import Any
 
 import numpy as np
+from described_stages import stage_of
 from world import Options, make_recording, random_stage
 
 from rotary_error_monitor.bags.writer import write_messages
-from rotary_error_monitor.description.stage import stage_from_mapping
 
 LEANING = 2e-5
 """Tilt error motion of these stages, rad, root mean square over a turn and axis."""
@@ -59,4 +59,4 @@ def raised(section: Mapping[str, Any], by: float):
     """Description of the stage in which the LVDT stands higher, m, and the artefact's eccentricity is not known."""
     changed = deepcopy(dict(section))
     changed["lvdt"] = {"height": section["lvdt"]["height"] + by, "noise": section["lvdt"]["noise"]}
-    return stage_from_mapping(changed)
+    return stage_of(changed)

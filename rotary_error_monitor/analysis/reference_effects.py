@@ -10,16 +10,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 from rotary_error_monitor.metrology.error_motion import rotate
 from rotary_error_monitor.metrology.periodic_curves import doubted_orders
 from rotary_error_monitor.pipeline.publication import AssemblyVariance
 from rotary_error_monitor.pipeline.reference_readings import Reference
-
-Array = NDArray[np.float64]
 
 
 def stated_effects(

@@ -7,15 +7,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from rotary_error_monitor.analysis.comparison import Stay
 from rotary_error_monitor.analysis.course import Drift, Samples
 from rotary_error_monitor.analysis.health import FallOut, StreamHealth
 from rotary_error_monitor.analysis.motion import SegmentFigures
 from rotary_error_monitor.analysis.positions import Positioning
 from rotary_error_monitor.analysis.verdict import Judged, Outcome
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.metrology.spindle_figures import COVERAGE, Value
 
 
@@ -190,7 +188,7 @@ def _orders(segments: Sequence[SegmentFigures]) -> Iterator[dict[str, Any]]:
                 }
 
 
-def _list(values: NDArray[np.float64]) -> list[float]:
+def _list(values: Array) -> list[float]:
     found: list[float] = values.tolist()
     return found
 

@@ -19,7 +19,7 @@ from rotary_error_monitor.analysis.rotation import speeds_in
 from rotary_error_monitor.analysis.runs import Segment, find_segments
 from rotary_error_monitor.analysis.signals import RADIAL, Estimates, Signal, radial_at, signals_of, survey
 from rotary_error_monitor.analysis.verification_result import AxisFigures, ReferenceComparison, TurningComparison
-from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.arrays import Array, Mask
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.error_motion import reading_variance, rotate
@@ -158,14 +158,7 @@ def _pairs(
             f"{where}: at no time there is an estimate as well; record both at once, and samples at most "
             f"{MAX_GAP_NS * 1e-6:g} ms apart"
         )
-    proven = both & estimates.proven[chosen]
-    remarks = []
-    if proven.any():
-        early = int((both & ~proven).sum()) * period * 1e-9
-        remarks += (
-            [f"{early:.2g} s are left out: the description was not yet held against a whole turn"] if early else []
-        )
-        both = proven
+    both, remarks = _proven(both, estimates.proven[chosen], period)
     rows = chosen[both]
     theta, motion = estimates.theta[rows], moved[both]
     tilt = np.nan_to_num(estimates.error_motion[rows, 3:5])
@@ -176,17 +169,31 @@ def _pairs(
     for axis, along in enumerate(reference.directions):
         own = _along(spread[both], along) - signal.turning[both] - slow
         apart = stamps_apart * _by_heads(estimates, stage, rows, along)
-        across = motion @ np.array([-along[1], along[0]])
-        stated = (reference.gain * (motion @ along)) ** 2 + (reference.roll * across) ** 2
-        stated = stated + (reference.place * (lever @ along)) ** 2 + reference.lasting
         noise = reading_variance(reference.noise, reference.resolution, seen.gain[both], seen.travel[both, axis])
         noise = noise + (BENT * seen.bend[both, axis]) ** 2
+        stated = _stated(reference, along, motion, lever)
         variances.append(Variances(np.maximum(own - apart, 0.0), apart, noise, slow + stated))
     reading = seen.values[both] - reference.form_at(theta)
     estimate = motion @ reference.directions.T
     return _Pairs(
         stamps[both], theta, estimate, reading, tuple(variances), motion, signal.turning[both], lever
     ), remarks
+
+
+def _proven(both: Mask, proven: Mask, period: int) -> tuple[Mask, list[str]]:
+    """Which ticks count: those with a proven description, if there are some; and that others are left out."""
+    if not (both & proven).any():
+        return both, []
+    early = int((both & ~proven).sum()) * period * 1e-9
+    told = [f"{early:.2g} s are left out: the description was not yet held against a whole turn"] if early else []
+    return both & proven, told
+
+
+def _stated(reference: Reference, along: Array, motion: Array, lever: Array) -> Array:
+    """(n,) variance along a unit vector by what is stated of gain, directions, height and form of the reference."""
+    across = motion @ np.array([-along[1], along[0]])
+    stated = (reference.gain * (motion @ along)) ** 2 + (reference.roll * across) ** 2
+    return np.asarray(stated + (reference.place * (lever @ along)) ** 2 + reference.lasting, np.float64)
 
 
 def _radial_signal(
@@ -286,19 +293,14 @@ def _clusters(theta: Array, segment: Segment, turned: float, begin: int) -> NDAr
 
 
 def _turning(
-    part: _Part,
-    pairs: _Pairs,
-    reference: Reference,
-    eccentricity: Array,
-    zero: Array,
-    left: Array,
-    chance: float,
+    part: _Part, pairs: _Pairs, reference: Reference, eccentricity: Array, zero: Array, left: Array, chance: float
 ) -> TurningComparison:
     """Figures of one direction and speed, from what is left (m, p) of reference minus estimate."""
     rows, turns, count = part.rows, part.turns, len(reference.axes)
     profiles = turns.profiles[:, :, : 2 * count].copy()
     once = turns.transmission[1] * rotate((eccentricity[0], eccentricity[1]), turns.angles)
     profiles[:, :, count:] -= zero + once @ reference.directions.T
+    apart = profiles[:, :, count:] - profiles[:, :, :count]
     variances = [each.at(rows) for each in pairs.variances]
     std = np.stack([each.std for each in variances], axis=1)
     estimate = pairs.estimate[rows]
@@ -311,13 +313,7 @@ def _turning(
             samples.along(axis).maximum,
             int(samples.stamp_ns[np.argmax(np.abs(left[:, axis]))]),
             float(bound[axis]),
-            judge(
-                left[:, axis],
-                variances[axis],
-                part.cluster,
-                profiles[:, :, count + axis] - profiles[:, :, axis],
-                chance,
-            ),
+            judge(left[:, axis], variances[axis], part.cluster, apart[:, :, axis], chance),
         )
         for axis, name in enumerate(reference.axes)
     ]

@@ -61,9 +61,9 @@ def count_remarks(listing: BagMetadata, counts: Mapping[str, int]) -> Iterable[s
         yield f"the bag holds another number of messages than {METADATA} says: {_several(differing)}"
 
 
-def _several(texts: list[str], most: int = 4) -> str:
-    more = len(texts) - most
-    return ", ".join(texts[:most]) + (f" and {more} topics more" if more > 0 else "")
+def _several(texts: list[str]) -> str:
+    more = len(texts) - 4
+    return ", ".join(texts[:4]) + (f" and {more} topics more" if more > 0 else "")
 
 
 def stem_of(name: str) -> str:

@@ -176,9 +176,9 @@ def _report(
         path=path,
         counts=sum((content.counts() for content in contents), Counter[str]()),
         rewritten=tuple(content.path.name for content in contents if content.torn),
-        lost=sum(content.lost for content in contents),
-        damaged=sum(content.damaged for content in contents),
-        left_out=sum(content.left_out for content in contents),
+        lost=sum(content.extent.at_end for content in contents),
+        damaged=sum(content.extent.damaged for content in contents),
+        left_out=sum(content.extent.left_out for content in contents),
         kept=tuple(content.kept for content in contents if content.kept),
         missing=missing,
         remarks=tuple(remarks),
@@ -196,13 +196,9 @@ class _FileContent:
     channel_counts: Counter[int] = field(default_factory=Counter)
     start_ns: int = 0
     end_ns: int = 0
+    extent: Extent = field(default_factory=Extent)
     torn: bool = False
-    lost: int = 0
-    left_out: int = 0
-    damaged: int = 0
     strays: int = 0
-    said: int | None = None
-    problem: str = ""
     whole: bool = True
     kept: str = ""
 
@@ -236,11 +232,11 @@ class _FileContent:
 
     def damage(self) -> str:
         """What of the file was left out, in words."""
-        count = self.channel_counts.total()
-        of = "" if self.said is None else f" of {self.said}"
+        count, extent = self.channel_counts.total(), self.extent
+        of = "" if extent.messages_said is None else f" of {extent.messages_said}"
         return (
-            f"{self.path.name}: {self.problem or 'its end is lost'}; recovered were {count}{of} messages, without "
-            f"{self.left_out + self.lost} bytes; the file as it was is {self.kept}"
+            f"{self.path.name}: {extent.problem or 'its end is lost'}; recovered were {count}{of} messages, without "
+            f"{extent.left_out + extent.at_end} bytes; the file as it was is {self.kept}"
         )
 
     def entry(self) -> FileEntry:
@@ -254,18 +250,16 @@ def _recover_file(path: Path, coverage: BagCoverage) -> _FileContent:
     for record in torn.records():
         if content.add(record) and isinstance(record, Message):
             coverage.note(*content.topic_of(record), record.data)
-    extent = torn.extent
+    extent = content.extent = torn.extent
     content.torn = not extent.complete or extent.damaged > 0 or content.strays > 0 or extent.profile != PROFILE
-    content.lost, content.left_out, content.damaged = extent.at_end, extent.left_out, extent.damaged
-    content.said, content.problem = extent.messages_said, extent.problem
-    if content.strays:
-        content.damaged += 1
-        content.problem = content.problem or f"{content.strays} messages of topics that the file does not name"
     if content.torn:
         nothing = not content.channel_counts and extent.at_end > len(MAGIC)
         everything = extent.complete and (not extent.indexed or not extent.damaged) and not content.strays
         content.whole = everything or (extent.torn and not content.strays and not (nothing and _is_large(extent)))
         _rewrite(torn, content)
+    if content.strays:
+        extent.damaged += 1
+        extent.problem = extent.problem or f"{content.strays} messages of topics that the file does not name"
     return content
 
 

@@ -143,6 +143,26 @@ def calibrate_assembly(
     if described.encoder is None:
         raise InputError(f"{stage_file}: the stage has no section 'encoder', which this calibrates")
     stage = stage_by_orders(described, HIGHEST, _least(described))
+    result = _measured(source, stage, delay, centres or Centres(), as_table)
+    if not (result.fits or force):
+        return result
+    document, digest = YamlDocument(stage_file, "stage"), hash_source(source)
+    files = written_names(result.curves, output)
+    doubt = "" if result.fits else "; ".join(misfit_lines(result))
+    notes = _set_ring(document, result.ring, files), _set_mirror(document, result.mirror, files)
+    for name, (uncertainty, figures) in notes:
+        if name:
+            document.note(name, Calibrated(day.isoformat(), source.name, digest, uncertainty, figures, doubt or None))
+    contents = {files[curve.name]: curve.content(source.name, digest, day) for curve in result.curves}
+    with _written_beside(contents):
+        document.save(output, load_stage)
+    return replace(result, written=True)
+
+
+def _measured(
+    source: Path, stage: StageDescription, delay: tuple[float, float], centres: Centres, as_table: bool
+) -> AssemblyResult:
+    """What the recording says of ring and mirror; arguments and errors as `calibrate_assembly`."""
     remarks: list[str] = []
     recording = read_shaft_recording(source, stage, remarks)
     try:
@@ -156,9 +176,8 @@ def calibrate_assembly(
             mirror = doubt_mirror(estimate_mirror_assembly(stage, recording, delay, every=as_table), ring)
         except InputError as error:
             remark = str(error)
-    centres = centres or Centres()
     doubts = doubt_assembly(stage, ring, mirror, centres)
-    result = AssemblyResult(
+    return AssemblyResult(
         doubts.ring,
         doubts.mirror,
         stage.ring.disc_radius,
@@ -171,20 +190,6 @@ def calibrate_assembly(
         comparison=compare_assembly(stage, recording, doubts.ring, doubts.mirror),
         curves=_curves(doubts.ring, doubts.mirror) if as_table else (),
     )
-    if not (result.fits or force):
-        return result
-    document = YamlDocument(stage_file, "stage")
-    digest = hash_source(source)
-    files = written_names(result.curves, output)
-    doubt = "" if result.fits else "; ".join(misfit_lines(result))
-    notes = _set_ring(document, result.ring, files), _set_mirror(document, result.mirror, files)
-    for name, (uncertainty, figures) in notes:
-        if name:
-            document.note(name, Calibrated(day.isoformat(), source.name, digest, uncertainty, figures, doubt or None))
-    contents = {files[curve.name]: curve.content(source.name, digest, day) for curve in result.curves}
-    with _written_beside(contents):
-        document.save(output, load_stage)
-    return replace(result, written=True)
 
 
 @contextmanager

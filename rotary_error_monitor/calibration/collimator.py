@@ -30,6 +30,7 @@ from rotary_error_monitor.metrology.two_axis_calibration import (
     calibrate_two_axes,
 )
 from rotary_error_monitor.metrology.two_axis_fit import NAMES, Reference, numbers_of, response_of
+from rotary_error_monitor.metrology.two_axis_steps import StepReadings
 from rotary_error_monitor.units import ARCSEC
 
 PART = "autocollimator"
@@ -114,30 +115,48 @@ def calibrate_autocollimator(
         raise InputError(f"{stage_file}: the stage has no section 'autocollimator', which this calibrates")
     quadrants = quadrants or Quadrants()
     steps, voltages = read_steps(source, quadrants, layout)
+    result = _result(source, stage, steps, reference, keep, drop_outliers, quadrants if voltages else None)
+    if result.misfits and not force:
+        return result
+    _write(result, source, stage_file, output, day)
+    return replace(result, written=True)
+
+
+def _result(
+    source: Path,
+    stage: StageDescription,
+    steps: StepReadings,
+    reference: Reference,
+    keep: tuple[str, ...],
+    drop_outliers: bool,
+    quadrants: Quadrants | None,
+) -> CollimatorResult:
+    """What the steps say; `quadrants` where they are voltages.
+
+    Raises:
+        InputError: they do not tell.
+    """
+    described = stage.tilt_instrument.range
     try:
         calibration = calibrate_two_axes(steps, _instrument(stage), reference)
     except InputError as error:
         raise InputError(f"{source}: {error}") from error
     before = stage.response(PART)
     response = _as_before(calibration.response, before, keep)
-    misfits, doubts = _doubts(calibration, stage, response, keep, drop_outliers, voltages)
+    misfits, doubts = _doubts(calibration, stage, response, keep, drop_outliers, quadrants is not None)
     spread = max(1.0, calibration.fit.chi_square / calibration.fit.freedom) if _left(calibration) else 1.0
     calibration = replace(calibration, covariance=calibration.covariance * spread + np.diag(doubts**2))
-    result = CollimatorResult(
+    return CollimatorResult(
         calibration,
         before,
         response,
         calibration.stds,
         keep,
-        (_range(calibration, stage.autocollimator.range), stage.autocollimator.range),
-        quadrants if voltages else None,
+        (_range(calibration, described), described),
+        quadrants,
         tuple(misfits),
-        (*_remarks(calibration, stage.autocollimator.range), *_moved_zero(calibration, response)),
+        (*_remarks(calibration, described), *_moved_zero(calibration, response)),
     )
-    if misfits and not force:
-        return result
-    _write(result, source, stage_file, output, day)
-    return replace(result, written=True)
 
 
 def _instrument(stage: StageDescription) -> Instrument:

@@ -40,6 +40,12 @@ UNSEEN_SHARE = 0.01
 LEAST_WEIGHT = 0.1
 """Parameters with less weight are not named in an unseen combination."""
 
+_HELD = 5
+"""Each pose of so many is held out of the check: the rest determines the parameters almost as well as all."""
+
+_FURTHER = 5
+"""Poses that are proposed: probed within minutes."""
+
 HELD_OUT_RISK = 0.01
 """Probability with which a right model fails the held-out check."""
 
@@ -171,26 +177,22 @@ def identify_machine(start: MachineDescription, parameters: Sequence[Parameter],
     )
 
 
-def estimate_jacobian(
-    machine: MachineDescription, parameters: Sequence[Parameter], poses: ProbedPoses, *, components: int = 3
-) -> Array:
-    """(n * components, p) derivative of the tool offset (x y z, with 6 also a b c) by each parameter."""
-    base = _predict(machine, poses, components)
-    columns = [(_predict(p.added(machine, STEP), poses, components) - base) / STEP for p in parameters]
+def estimate_jacobian(machine: MachineDescription, parameters: Sequence[Parameter], poses: ProbedPoses) -> Array:
+    """(3n, p) derivative of the tool offset (x y z) by each parameter."""
+    base = _predict(machine, poses)
+    columns = [(_predict(p.added(machine, STEP), poses) - base) / STEP for p in parameters]
     return np.stack(columns, axis=1)
 
 
-def check_held_out(
-    start: MachineDescription, parameters: Sequence[Parameter], poses: ProbedPoses, *, every: int = 5
-) -> HeldOutCheck:
-    """Fit to all poses but each `every`-th one, and predict those.
+def check_held_out(start: MachineDescription, parameters: Sequence[Parameter], poses: ProbedPoses) -> HeldOutCheck:
+    """Fit to all poses but each fifth one, and predict those.
 
     Raises:
-        InputError: fewer than `every` poses, or what `identify_machine` raises.
+        InputError: fewer than five poses, or what `identify_machine` raises.
     """
-    if len(poses.positions) < every:
-        raise InputError(f"{len(poses.positions)} poses; the held-out check needs at least {every}")
-    held = np.arange(len(poses.positions)) % every == every - 1
+    if len(poses.positions) < _HELD:
+        raise InputError(f"{len(poses.positions)} poses; the held-out check needs at least {_HELD}")
+    held = np.arange(len(poses.positions)) % _HELD == _HELD - 1
     fitted = identify_machine(start, parameters, poses.chosen(~held))
     rest = poses.chosen(held)
     residual = _residual(fitted.machine, rest)
@@ -205,10 +207,8 @@ def check_held_out(
     )
 
 
-def choose_further_poses(
-    identification: Identification, candidates: Array, poses: ProbedPoses, *, count: int = 5
-) -> NDArray[np.int64]:
-    """Indices of the `count` candidate poses (m, axes) that would tell most about what is unseen or uncertain.
+def choose_further_poses(identification: Identification, candidates: Array, poses: ProbedPoses) -> NDArray[np.int64]:
+    """Indices of the five candidate poses (m, axes) that would tell most about what is unseen or uncertain.
 
     Each pose is the one that gains most information (log determinant, the typical size being each parameter's prior)
     after those chosen before it. Candidates count as reached in positive direction at the mean temperature.
@@ -226,7 +226,7 @@ def choose_further_poses(
     rows = (estimate_jacobian(machine, parameters, planned) * scales).reshape(len(candidates), 3, -1)
     covariance = np.linalg.inv(np.eye(len(parameters)) + done.T @ done)
     chosen: list[int] = []
-    for _ in range(min(count, len(candidates))):
+    for _ in range(min(_FURTHER, len(candidates))):
         gain = np.linalg.slogdet(np.eye(3) + rows @ covariance @ np.swapaxes(rows, 1, 2))[1]
         gain[chosen] = -np.inf
         best = int(np.argmax(gain))
@@ -236,8 +236,8 @@ def choose_further_poses(
     return np.array(chosen, dtype=np.int64)
 
 
-def rank_with_longer_tool(identification: Identification, poses: ProbedPoses, *, added: float = 0.1) -> int:
-    """Combinations seen if the same poses are probed a second time with a tool longer by `added` m.
+def rank_with_longer_tool(identification: Identification, poses: ProbedPoses) -> int:
+    """Combinations seen if the same poses are probed a second time with a tool longer by 0.1 m.
 
     A tip alone cannot tell a tilt of the head from a shift of it; two tool lengths can.
     """
@@ -245,7 +245,7 @@ def rank_with_longer_tool(identification: Identification, poses: ProbedPoses, *,
     body = machine.body(machine.tool)
     size = math.hypot(*body.pose.shift)
     along = [c / size for c in body.pose.shift] if size else [0.0, 0.0, -1.0]
-    x, y, z = (old + added * c for old, c in zip(body.pose.shift, along, strict=True))
+    x, y, z = (old + 0.1 * c for old, c in zip(body.pose.shift, along, strict=True))
     longer = replace(body, pose=replace(body.pose, shift=(x, y, z)))
     other = replace(machine, bodies=tuple(longer if old is body else old for old in machine.bodies))
     scales = parameter_scales(parameters) / poses.noise
@@ -270,15 +270,15 @@ def _check(parameters: Sequence[Parameter], poses: ProbedPoses) -> None:
         raise InputError(f"the tool deviation of pose {at + 1} is not finite; drop that pose")
 
 
-def _predict(machine: MachineDescription, poses: ProbedPoses, components: int) -> Array:
+def _predict(machine: MachineDescription, poses: ProbedPoses) -> Array:
     offset = predict_tool_offset(
         arrange_machine(machine), poses.positions, direction=poses.direction, temperature=poses.temperature
     )
-    return offset[:, :components].ravel()
+    return offset[:, :3].ravel()
 
 
 def _residual(machine: MachineDescription, poses: ProbedPoses) -> Array:
-    return poses.deviations.ravel() - _predict(machine, poses, 3)
+    return poses.deviations.ravel() - _predict(machine, poses)
 
 
 def _complement(rows: Array) -> Array:

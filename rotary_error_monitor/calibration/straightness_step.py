@@ -76,16 +76,6 @@ class StraightnessResult:
     written: bool
 
     @property
-    def uncertainty(self) -> float:
-        """Largest standard uncertainty of a deviation, m."""
-        return self.doubts.uncertainty
-
-    @property
-    def error_uncertainty(self) -> float:
-        """Standard uncertainty of `error`, m."""
-        return self.doubts.error_uncertainty
-
-    @property
     def reversal(self) -> float | None:
         """Largest difference between the directions, m; None if all runs go one way."""
         parts = [part.combined.reversal for part in self.placements]

@@ -70,13 +70,8 @@ def judge_calibration(
     """
     machine = identification.machine
     volume = sample_volume(machine, SAMPLES, limits)
-    planned = ProbedPoses(
-        volume,
-        np.zeros_like(volume),
-        np.full(SAMPLES, machine.reference_temperature),
-        np.zeros((SAMPLES, 3)),
-        poses.noise,
-    )
+    warmth = np.full(SAMPLES, machine.reference_temperature)
+    planned = ProbedPoses(volume, np.zeros_like(volume), warmth, np.zeros((SAMPLES, 3)), poses.noise)
     jacobian = estimate_jacobian(machine, identification.parameters, planned).reshape(SAMPLES, 3, -1)
     hidden = identification.hidden * parameter_scales(identification.parameters)
     covariance = identification.covariance + hidden.T @ hidden
@@ -85,14 +80,12 @@ def judge_calibration(
     uncertainty, largest = math.sqrt(float(variance.mean())), math.sqrt(float(variance.max()))
     predicts = held_out.ratio <= held_out.limit
     good = predicts and uncertainty <= required
-    number = (
-        f"it predicts the tool in the working volume to {uncertainty * 1e6:.2f} µm "
-        f"(95 % bound {bound * 1e6:.2f} µm, at worst {largest * 1e6:.2f} µm, required {required * 1e6:.2f} µm)"
+    sentence = (
+        f"The calibration is {'good' if good else 'not good'}: it predicts the tool in the working volume to "
+        f"{uncertainty * 1e6:.2f} µm (95 % bound {bound * 1e6:.2f} µm, at worst {largest * 1e6:.2f} µm, required "
+        f"{required * 1e6:.2f} µm), and on {held_out.count} held-out poses it errs by {held_out.ratio:.2f} times what "
+        "noise and uncertainty explain"
     )
-    check = (
-        f"on {held_out.count} held-out poses it errs by {held_out.ratio:.2f} times what noise and uncertainty explain"
-    )
-    sentence = f"The calibration is {'good' if good else 'not good'}: {number}, and {check}"
     sentence += "." if predicts else f", more than the {held_out.limit:.2f} of a model that holds all errors."
     further = volume[choose_further_poses(identification, volume, poses)]
     return Verdict(

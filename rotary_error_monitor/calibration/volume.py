@@ -101,17 +101,15 @@ def sample_volume(machine: MachineDescription, count: int, limits: Limits | None
     return np.asarray(low + points * (high - low), dtype=np.float64)
 
 
-def estimate_volumetric_map(
-    machine: MachineDescription, axes: tuple[str, str], *, held: Mapping[str, float] | None = None, count: int = 41
-) -> VolumetricMap:
-    """Tool offset over two axes' whole travel, the other axes held at `held` or in the middle of their travel.
+def estimate_volumetric_map(machine: MachineDescription, axes: tuple[str, str], *, count: int = 41) -> VolumetricMap:
+    """Tool offset over two axes' whole travel, the other axes held in the middle of theirs.
 
     Raises:
         InputError: the machine lacks one of the axes.
     """
     numbers = [machine.letters.index(machine.axis(letter).letter) for letter in axes]
     lines = [np.linspace(*machine.axis(letter).travel, count) for letter in axes]
-    pose = np.array([(held or {}).get(axis.letter, 0.5 * sum(axis.travel)) for axis in machine.axes])
+    pose = np.array([0.5 * sum(axis.travel) for axis in machine.axes])
     poses = np.tile(pose, (count * count, 1))
     poses[:, numbers[0]], poses[:, numbers[1]] = (grid.ravel() for grid in np.meshgrid(*lines, indexing="ij"))
     offset = predict_tool_offset(arrange_machine(machine), poses)

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import fields, replace
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
 
 from rotary_error_monitor.cases.faults import UNNAMED, VOCABULARY, Named, make_fault
 from rotary_error_monitor.cases.faults.axes import AxisFault
-from rotary_error_monitor.description.machine import ErrorComponent, Harmonic, MachineDescription
 from rotary_error_monitor.description.stage import (
     AngularHarmonic,
     Autocollimator,
@@ -121,7 +120,7 @@ def draw_fault(
     return make_fault(name, location, **parameters)
 
 
-def draw_stage(draw: np.random.Generator, height: float = 0.06) -> StageDescription:
+def draw_stage(draw: np.random.Generator) -> StageDescription:
     """Stage as in Lou et al. 2019 (RESM20-USA200, four heads, quadrant autocollimator) with drawn errors."""
     heads = {"a": 0.0, "b": np.pi, "c": np.pi / 2, "d": 3 * np.pi / 2}
 
@@ -147,24 +146,8 @@ def draw_stage(draw: np.random.Generator, height: float = 0.06) -> StageDescript
             tilt_compliance=5e-8,
             radial_thermal=_pair(draw, 3e-7),
         ),
-        lvdt=Lvdt(height, 5e-8, _pair(draw, 5e-6)),
+        lvdt=Lvdt(0.06, 5e-8, _pair(draw, 5e-6)),
     )
-
-
-def draw_machine(machine: MachineDescription, draw: np.random.Generator) -> MachineDescription:
-    """The machine with drawn errors of usual size: polynomials of linear axes, first orders of rotary ones."""
-    errors = {}
-    for axis in machine.axes:
-        for direction in "XYZABC":
-            name = f"E{direction}{axis.letter}"
-            if axis.kind == "rotary":
-                errors[name] = ErrorComponent(harmonic=(Harmonic(1.0, *_pair(draw, 5e-6)),))
-            else:
-                # straightness has no slope: that is squareness
-                slope = 1.0 if direction in "ABC" or direction == axis.letter else 0.0
-                terms = draw.normal(size=3) * (8e-6 * np.array([slope, 1.0, 0.6]))
-                errors[name] = ErrorComponent(poly=(0.0, *terms.tolist()))
-    return replace(machine, errors=errors)
 
 
 def _register(named: bool) -> dict[str, type[Named]]:

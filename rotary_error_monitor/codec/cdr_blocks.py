@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.errors import InputError, excerpt
-from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock, block_from_bytes
+from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 
 CDR_LITTLE_ENDIAN = b"\x00\x01"
 BODY = 4
@@ -190,7 +190,17 @@ def _parse(data: bytes) -> _Layout:
     (point_step,) = struct.unpack_from("<I", data, data_at - 4)
     if is_bigendian:
         raise InputError("no sample block: the samples are big-endian; expected little-endian")
-    block_from_bytes(0, fields, bytes(point_step), 1, point_step)  # refuses what is no layout of a sample block
+    packed = [(_FLOAT64 * index, _FLOAT64, 1) for index in range(len(fields))]
+    if (
+        not fields
+        or fields[0][0] != "t"
+        or [row[1:] for row in fields] != packed
+        or point_step != _FLOAT64 * len(fields)
+    ):
+        raise InputError(
+            f"no sample block: fields {excerpt(fields)}, point_step {point_step}; "
+            "expected FLOAT64 fields one after another, 't' first"
+        )
     return _Layout(
         size_at=size_at,
         data_at=data_at,

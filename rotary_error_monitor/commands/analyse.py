@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
 from rotary_error_monitor.commands.questions import add_question, question_of
-from rotary_error_monitor.commands.values import files_of
-from rotary_error_monitor.errors import one_line
+from rotary_error_monitor.commands.values import files_of, tell
 
 _EPILOG = (
     "exit codes: 0 within all limits, or none were given; 10 beyond a limit; 11 neither can be told, for a value is as "
@@ -40,10 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
     print(verdict_sentence(analysis))
     if changes is not None:
         print(changes_sentence(changes))
-    for segment in analysis.segments:
-        for remark in segment.remarks:
-            print(f"note: {segment.name}: {remark}", file=sys.stderr)
-    for remark in analysis.remarks:
-        print(f"note: {one_line(remark)}", file=sys.stderr)
+    tell(f"{segment.name}: {remark}" for segment in analysis.segments for remark in segment.remarks)
+    tell(analysis.remarks)
     code: int = analysis.outcome.exit_code
     return code

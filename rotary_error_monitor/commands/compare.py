@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
 from rotary_error_monitor.commands.questions import add_heights, add_results, heights_of
-from rotary_error_monitor.commands.values import files_of, naming_of
-from rotary_error_monitor.errors import one_line
+from rotary_error_monitor.commands.values import files_of, naming_of, tell
 
 _EPILOG = (
     "exit codes: 0 the monitor agrees with the reference within its stated uncertainty; 10 it does not; 2 wrong input. "
@@ -48,6 +46,5 @@ def run(arguments: argparse.Namespace) -> int:
     found = FileVerification(arguments.bag, arguments.twin, heights, arguments.reference, naming, outputs).run()
     print(verdict_sentence(found))
     print(text_table(found))
-    for note in notes_of(found):
-        print(f"note: {one_line(note)}", file=sys.stderr)
+    tell(notes_of(found))
     return found.exit_code

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rotary_error_monitor.bags.marks import is_bag
-from rotary_error_monitor.commands.values import add_effect_files, add_naming, naming_of
+from rotary_error_monitor.commands.values import add_effect_files, add_naming, naming_of, tell
 from rotary_error_monitor.commands.work import add_work, bar_of, check_work
 from rotary_error_monitor.errors import InputError, one_line
 from rotary_error_monitor.gap.options import FALSE_ALARMS, MOST_CAUSES, check_false_alarms, check_most_causes
@@ -82,8 +82,7 @@ def run(arguments: argparse.Namespace) -> int:
 
         diagnosis = _how(arguments).run(painter, progress)
     print(verdict_sentence(diagnosis))
-    for remark in diagnosis.remarks:
-        print(f"note: {one_line(remark)}", file=sys.stderr)
+    tell(diagnosis.remarks)
     return diagnosis.verdict.exit_code
 
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
 from rotary_error_monitor.bags.recovery import recover
+from rotary_error_monitor.commands.values import tell
 from rotary_error_monitor.errors import one_line
 
 DAMAGED = 10
@@ -33,6 +33,5 @@ def run(arguments: argparse.Namespace) -> int:
     """Recover the bag in place and say what is in it."""
     report = recover(arguments.bag)
     print(one_line(str(report)))
-    for remark in report.remarks:
-        print(f"note: {one_line(remark)}", file=sys.stderr)
+    tell(report.remarks)
     return 0 if report.whole else DAMAGED

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
 from rotary_error_monitor.bags.kept_rows import kept_beside
 from rotary_error_monitor.commands.progress_bar import progress_bar
 from rotary_error_monitor.commands.questions import add_heights, heights_of
-from rotary_error_monitor.commands.values import add_naming, naming_of
+from rotary_error_monitor.commands.values import add_naming, naming_of, tell
 from rotary_error_monitor.description.machine import load_machine, machine_path
 from rotary_error_monitor.description.stage import load_stage
-from rotary_error_monitor.errors import one_line
 from rotary_error_monitor.files import check_outputs, check_places
 from rotary_error_monitor.machine.kernel import describe_kernel
 from rotary_error_monitor.pipeline.estimation import EstimatorSettings
@@ -61,10 +59,9 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         keep, progress = kept_beside(arguments.output), progress_bar("replay")
         result = replay_long(arguments.bag, stage, machine, settings, naming, keep, progress)
-    if machine is not None and (slower := describe_kernel()):
-        print(f"note: {slower}", file=sys.stderr)
-    for remark in result.remarks:
-        print(f"note: {one_line(remark)}", file=sys.stderr)
+    if machine is not None:
+        tell(filter(None, [describe_kernel()]))
+    tell(result.remarks)
     check_estimated(result, arguments.bag, stage)
     result.save(arguments.output, heights)
     begin_ns, end_ns = result.span_ns

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Mapping
+import sys
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from rotary_error_monitor.bags.naming import Naming, read_naming
 from rotary_error_monitor.description.machine import MachineDescription
-from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.errors import InputError, one_line
 from rotary_error_monitor.recordings.formats import outputs_of
 
 
@@ -45,6 +46,12 @@ def flatness_um(text: str) -> float | None:
         return not_negative(text)
     except ValueError:
         raise argparse.ArgumentTypeError(f"'{text}' is no number, and not 'unknown'") from None
+
+
+def tell(notes: Iterable[str]) -> None:
+    """Print notes on standard error, a line each."""
+    for note in notes:
+        print(f"note: {one_line(note)}", file=sys.stderr)
 
 
 def add_naming(parser: argparse.ArgumentParser) -> None:

@@ -65,11 +65,6 @@ class Commissioning:
     remarks: tuple[str, ...]
 
     @property
-    def possible(self) -> tuple[Weighed, ...]:
-        """The likeliest layout, and those that the recording does not tell from it."""
-        return self.likeliest, *self.others
-
-    @property
     def settled(self) -> bool:
         """Whether all that is wrong is put right by the parameters."""
         return all(finding.settled for finding in self.findings)
@@ -113,9 +108,8 @@ def commission(stage: StageDescription, stated: Stated, recorded: Recorded) -> C
         tuple(name in stated.signs for name in angular),
     )
     known = known_hand(stage, stated, shown)
-    handed = None
-    if tilt is not None:
-        handed = {way: each + known.get(way, 0.0) for way, each in log_hand(tilt, limits.tilt).items()}
+    hand = {} if tilt is None else log_hand(tilt, limits.tilt)
+    handed = {way: each + known.get(way, 0.0) for way, each in hand.items()} or None
     described = np.array(list(stage.azimuths.values()))
     priors = _with_curve(stage, stated, shown, prior)
     weighed = weigh_layouts(heads.response, described, priors, signs, handed)

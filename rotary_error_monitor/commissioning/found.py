@@ -6,17 +6,16 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.commissioning.command import COMMAND, CommandFit
-from rotary_error_monitor.commissioning.heads import TURN, Angles, HeadResponse, straight_part
+from rotary_error_monitor.commissioning.heads import Angles, HeadResponse, straight_part
 from rotary_error_monitor.commissioning.layouts import Layout, turned_over
 from rotary_error_monitor.commissioning.ring_model import RingFit, RingPrior
 from rotary_error_monitor.commissioning.stated_curves import mirror_rows, ring_level
 from rotary_error_monitor.commissioning.tilt import Axes, TiltResponse, amplitudes, known_axes, turned
 from rotary_error_monitor.description.stage import AngularHarmonic, StageDescription
-
-Array = NDArray[np.float64]
+from rotary_error_monitor.units import TURN
 
 TOLD = 0.5
 """Part of its prior standard deviation below which the recording tells a parameter: three quarters of its variance."""

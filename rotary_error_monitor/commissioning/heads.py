@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import helmert
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.commissioning.response_fit import STRAIGHT, Response, basis, fit_response
 from rotary_error_monitor.commissioning.streams import Stream
 from rotary_error_monitor.commissioning.units import (
@@ -22,10 +23,7 @@ from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.rotation_fit import highest_order
 from rotary_error_monitor.metrology.shaft_recording import ShaftRecording, record_shaft
-
-Array = NDArray[np.float64]
-
-TURN = 2 * np.pi
+from rotary_error_monitor.units import TURN
 
 HIGHEST = 16
 """Orders of ring and rotor that are fitted: error motion of bearings is of lower ones, and what is not is noise."""
@@ -169,9 +167,7 @@ def loose(stage: StageDescription) -> StageDescription:
     return replace(stage, encoder=replace(stage.encoder, noise=1e-3))
 
 
-def _letters(
-    heads: Mapping[str, tuple[NDArray[np.int64], Array]],
-) -> Mapping[str, tuple[NDArray[np.int64], Array]]:
+def _letters(heads: Mapping[str, tuple[NDArray[np.int64], Array]]) -> Mapping[str, tuple[NDArray[np.int64], Array]]:
     return {name.removeprefix("head_"): stream for name, stream in heads.items()}
 
 

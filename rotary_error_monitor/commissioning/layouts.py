@@ -8,12 +8,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.commissioning.response_fit import STRAIGHT, Response
 from rotary_error_monitor.commissioning.ring_model import Orders, RingFit, RingPrior, fit_ring, orders_of
-
-Array = NDArray[np.float64]
 
 SWAPPED = 0.005
 """Prior probability that two heads are exchanged: a plug in the wrong socket."""

@@ -9,8 +9,7 @@ from rotary_error_monitor.commissioning.commission import Commissioning
 from rotary_error_monitor.commissioning.findings import described_noise, spoken
 from rotary_error_monitor.commissioning.found import FoundTilt, Value
 from rotary_error_monitor.description.stage import StageDescription
-
-ARCSEC = 648000 / math.pi
+from rotary_error_monitor.units import ARCSEC
 
 
 def commissioning_text(stage: StageDescription, result: Commissioning) -> str:

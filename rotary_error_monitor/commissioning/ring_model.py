@@ -16,12 +16,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import helmert, solve_triangular
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.commissioning.response_fit import STRAIGHT, Response
-
-Array = NDArray[np.float64]
 
 ROUNDS = 4
 """Rounds of Gauss and Newton: azimuths that are off turn what is linear in the eccentricity by some hundredths."""

@@ -9,9 +9,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.commissioning.heads import HIGHEST
 from rotary_error_monitor.commissioning.layouts import Weighed, turned_over
 from rotary_error_monitor.commissioning.response_fit import Response
@@ -20,10 +20,7 @@ from rotary_error_monitor.description.stage import PlanarHarmonic, StageDescript
 from rotary_error_monitor.description.table_files import FLATNESS, GRADUATION
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.periodic_curves import angular_orders, coefficient_std, planar_orders
-
-Array = NDArray[np.float64]
-
-ARCSEC = 648000 / np.pi
+from rotary_error_monitor.units import ARCSEC
 
 MISFIT = 1e-6
 """Probability below which a curve is not what the heads see: it costs a file, and chance must not."""

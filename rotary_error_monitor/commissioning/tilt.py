@@ -17,7 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.commissioning.heads import ROUNDS, TURN, Angles, HeadResponse, earlier, loose
+from rotary_error_monitor.arrays import Array, Complex
+from rotary_error_monitor.commissioning.heads import ROUNDS, Angles, HeadResponse, earlier, loose
 from rotary_error_monitor.commissioning.response_fit import FEW, basis, fit_response, smooth_by_correlation
 from rotary_error_monitor.commissioning.stated_curves import mirror_doubt, mirror_rows
 from rotary_error_monitor.commissioning.streams import Stream
@@ -25,9 +26,7 @@ from rotary_error_monitor.description.stage import PlanarHarmonic, StageDescript
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.rotation_fit import highest_order
 from rotary_error_monitor.metrology.shaft_recording import record_shaft
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+from rotary_error_monitor.units import TURN
 
 HIGHEST = 8
 """Orders of tilt that are fitted: those of bearings, and of mirrors as flat as they are made."""

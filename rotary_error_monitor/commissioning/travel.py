@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.commissioning.command import COMMAND
-from rotary_error_monitor.commissioning.heads import TURN, in_radians, motion_of
+from rotary_error_monitor.commissioning.heads import in_radians, motion_of
 from rotary_error_monitor.commissioning.streams import Stream
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
+from rotary_error_monitor.units import TURN
 
 ENOUGH = TURN + math.radians(10.0)
 """Rotation each way that is asked for, rad: a whole turn, and what a hand or a ramp loses at both ends of it."""

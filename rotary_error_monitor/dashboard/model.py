@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.dashboard.health import Health, Row, Severity, Status, Verdict, verdict_of
+from rotary_error_monitor.dashboard.health import Health, Row, Severity, Status
 from rotary_error_monitor.dashboard.trend import DayTrend
 from rotary_error_monitor.dashboard.turns import LastTurns
 from rotary_error_monitor.errors import InputError
@@ -140,10 +140,6 @@ class CellModel:
         row = Row(Severity.FAULT, "error motion", text, motion.age or 0.0, True, text)
         at = next((place for place, each in enumerate(rows) if each.severity < Severity.FAULT), len(rows))
         return (*rows[:at], row, *rows[at:])
-
-    def verdict(self, now: float) -> Verdict:
-        """The line on top."""
-        return verdict_of(self.rows(now))
 
     def _put_six(self, name: str, names: Sequence[str], shown: NDArray[np.float64], now: float) -> None:
         units = ("µm",) * 3 + ("µrad",) * 3

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from rotary_error_monitor.description.periodic_tables import PlanarTable as Plan
 from rotary_error_monitor.description.quantities import REFERENCE_TEMPERATURE
 from rotary_error_monitor.description.response import IDEAL
 from rotary_error_monitor.description.response import Response as Response
-from rotary_error_monitor.description.sections import extended, from_content, narrowed, read, write
+from rotary_error_monitor.description.sections import extended, narrowed, read, write
 from rotary_error_monitor.description.sensor_section import PLACE_TEMPERATURE, SHAFT_FORCE
 from rotary_error_monitor.description.stage_limits import StageLimits, derive_limits
 from rotary_error_monitor.description.stage_section import (
@@ -158,16 +158,7 @@ class StageDescription:
     @property
     def limits(self) -> StageLimits:
         """What the stage can do at most, as stated in the file or else derived from what it describes."""
-        spindle = self.spindle
-        derived = derive_limits(
-            spindle.radial,
-            spindle.tilt,
-            spindle.radial_compliance,
-            spindle.tilt_compliance,
-            spindle.radial_thermal,
-            spindle.axial,
-        )
-        return derived.stated(self.stated_limits)
+        return replace(derive_limits(self.spindle), **self.stated_limits)
 
 
 def load_stage(path: Path | str | None = None) -> StageDescription:
@@ -181,17 +172,8 @@ def load_stage(path: Path | str | None = None) -> StageDescription:
     return _description(read(StageSection, with_tables(found, "stage"), ("stage",), "stage"))
 
 
-def stage_from_mapping(content: Mapping[str, Any]) -> StageDescription:
-    """Stage from the content of a `stage` section.
-
-    Raises:
-        InputError: as `load_stage`, without file and line.
-    """
-    return _description(from_content(StageSection, content, "stage"))
-
-
 def stage_mapping(stage: StageDescription) -> dict[str, Any]:
-    """Content of a `stage` section: the inverse of `stage_from_mapping`."""
+    """Content of a `stage` section: what `load_stage` reads the same stage from."""
     ring, collimator, lvdt = stage.encoder, stage.autocollimator, stage.lvdt
     section = StageSection(
         encoder=None if ring is None else extended(EncoderSection, ring, heads=_heads(stage)),

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from rotary_error_monitor.description.expected import Expected
-from rotary_error_monitor.description.harmonics import AngularHarmonic, PlanarHarmonic
+from rotary_error_monitor.description.harmonics import PlanarHarmonic
+
+if TYPE_CHECKING:
+    from rotary_error_monitor.description.stage_section import Spindle
 
 HAND = 200.0
 """Force, N, by which a person pushes at a shaft (Lou et al. 2019, Figure 15: pushes by hand, up to some 200 N)."""
@@ -49,35 +52,24 @@ class StageLimits:
     axial: Annotated[Extent, Expected("largest axial error motion in m")] = 5e-5
     axial_rate: Annotated[Rate, Expected(f"fastest change of the axial error motion {_BEYOND}, in m/s")] = 5e-4
 
-    def stated(self, section: Mapping[str, float]) -> StageLimits:
-        """The same with what a section `limits` states."""
-        return replace(self, **section)
 
-
-def derive_limits(
-    radial: Iterable[PlanarHarmonic],
-    tilt: Iterable[PlanarHarmonic],
-    radial_compliance: float,
-    tilt_compliance: float,
-    radial_thermal: tuple[float, float],
-    axial: Iterable[AngularHarmonic] = (),
-) -> StageLimits:
+def derive_limits(spindle: Spindle) -> StageLimits:
     """Limits of a stage whose file states none, from the error motion that it describes.
 
     A stage that describes no error motion keeps the defaults: a bearing that is worse than 50 µm or 0.3 mrad is no
     precision stage.
     """
     limits = StageLimits()
-    pushed, tilted = HAND * abs(radial_compliance), HAND * abs(tilt_compliance)
-    described = _peak(radial)
+    pushed, tilted = HAND * abs(spindle.radial_compliance), HAND * abs(spindle.tilt_compliance)
+    described = _peak(spindle.radial)
     if described > 0.0:
-        largest = SPREAD * described + pushed + WARMING * math.hypot(*radial_thermal)
+        largest = SPREAD * described + pushed + WARMING * math.hypot(*spindle.radial_thermal)
         limits = replace(limits, radial=largest, radial_rate=_rate(largest, pushed))
-    described = _peak(tilt)
+    described = _peak(spindle.tilt)
     if described > 0.0:
         largest = SPREAD * described + tilted
         limits = replace(limits, tilt=largest, tilt_rate=_rate(largest, tilted))
-    described = sum(math.hypot(row.cos, row.sin) for row in axial)
+    described = sum(math.hypot(row.cos, row.sin) for row in spindle.axial)
     if described > 0.0:
         largest = SPREAD * described
         limits = replace(limits, axial=largest, axial_rate=_rate(largest, 0.0))

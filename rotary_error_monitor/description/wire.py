@@ -183,15 +183,15 @@ def load_wire(
     return Wire(topics)
 
 
-def load_services(folder: Path | None = None) -> tuple[Service, ...]:
-    """The services of the contract; `folder` as for `load_wire`.
+def load_services() -> tuple[Service, ...]:
+    """The services of the contract.
 
     Raises:
         InputError: a file breaks the schema, two services share a key, or a node answers two by one name.
     """
     found: dict[str, Service] = {}
     answered: set[tuple[str, str]] = set()
-    for path, section in _definitions(folder):
+    for path, section in _definitions(None):
         for key, service in section.services.items():
             again = {(node, service.name) for node in service.servers} & answered
             if key in found or again:

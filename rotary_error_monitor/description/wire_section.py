@@ -59,16 +59,6 @@ class Field:
         """
         return sum(1 << self._bit(name) for name in set(names))
 
-    def names_in(self, mask: float) -> tuple[str, ...]:
-        """Names of the bits set in `mask`, which travels as float64.
-
-        Raises:
-            InputError: the mask is no whole number or has bits that the field does not name.
-        """
-        if mask != int(mask) or not 0 <= mask < 1 << len(self.bits):
-            raise InputError(f"mask {mask!r} of '{self.name}' is no whole number from 0 to {(1 << len(self.bits)) - 1}")
-        return tuple(name for bit, name in enumerate(self.bits) if int(mask) >> bit & 1)
-
     def _bit(self, name: str) -> int:
         if name not in self.bits:
             raise InputError(f"'{self.name}' has the bits {', '.join(self.bits) or '(none)'}, but no '{name}'")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from rotary_error_monitor.description.stage import Lvdt, StageDescription
+from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.effect import Parameter, Values
 from rotary_error_monitor.effects.rotor import LVDT, ComponentGain, StageEffect
 
@@ -34,9 +34,8 @@ class LvdtArtefact(StageEffect):
         if stage.lvdt is None:
             return stage
         x, y = stage.lvdt.artefact_eccentricity
-        return _with_lvdt(
-            stage, replace(stage.lvdt, artefact_eccentricity=(x + float(values[0]), y + float(values[1])))
-        )
+        shifted = (x + float(values[0]), y + float(values[1]))
+        return replace(stage, lvdt=replace(stage.lvdt, artefact_eccentricity=shifted))
 
 
 class LvdtHeight(StageEffect):
@@ -54,8 +53,4 @@ class LvdtHeight(StageEffect):
         """Add to the height."""
         if stage.lvdt is None:
             return stage
-        return _with_lvdt(stage, replace(stage.lvdt, height=stage.lvdt.height + float(values[0])))
-
-
-def _with_lvdt(stage: StageDescription, lvdt: Lvdt) -> StageDescription:
-    return replace(stage, lvdt=lvdt)
+        return replace(stage, lvdt=replace(stage.lvdt, height=stage.lvdt.height + float(values[0])))

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.gap.hypotheses import Hypothesis, HypothesisTable
 from rotary_error_monitor.gap.p_values import chi_square_quantile
@@ -90,9 +90,7 @@ def _keys(table: HypothesisTable, row: Hypothesis) -> frozenset[Key]:
     return frozenset(table.candidates[i].key for i in row.members)
 
 
-def _all_credited(
-    log_odds: NDArray[np.float64], keys: Sequence[frozenset[Key]], credits: Mapping[frozenset[Key], float]
-) -> NDArray[np.float64]:
+def _all_credited(log_odds: Array, keys: Sequence[frozenset[Key]], credits: Mapping[frozenset[Key], float]) -> Array:
     """(n,) log odds of sets beside the first, which was chosen, from those on the table (n,).
 
     There all are in their textbook forms, beside noise as it was then. What weighed sets turned out less likely by, the

@@ -95,7 +95,6 @@ class Diagnosis:
     remainder: tuple[Finding, ...] = ()
     remarks: tuple[str, ...] = ()
     figures: Mapping[str, float] = field(default_factory=dict)
-    selection: Selection | None = field(default=None, repr=False, compare=False)
 
     def as_mapping(self) -> dict[str, Any]:
         """Plain numbers, strings, lists and mappings, as `diagnosis.json` holds them."""
@@ -163,7 +162,6 @@ def diagnose(
         told.findings[:12],
         problem.remarks(fit.rest) + _at_bounds(causes) + _left_out(selection) + told.doubts,
         problem.figures(fit.causes),
-        selection,
     )
 
 

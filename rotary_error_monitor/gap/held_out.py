@@ -50,9 +50,9 @@ def held_out_squares(fit: Fit, conditions: Conditions, departing: NDArray[np.boo
     return left
 
 
-def chance_of_no_better(squares: Array, others: Array, seed: int = 0) -> float:
+def chance_of_no_better(squares: Array, others: Array) -> float:
     """Part of the resamplings of blocks (bootstrap) in which `squares` are in sum no smaller than `others`."""
-    draws = np.random.default_rng(seed).integers(0, len(squares), (RESAMPLES, len(squares)))
+    draws = np.random.default_rng(0).integers(0, len(squares), (RESAMPLES, len(squares)))
     return float(np.mean((others - squares)[draws].sum(axis=1) <= 0))
 
 

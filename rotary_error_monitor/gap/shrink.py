@@ -47,14 +47,13 @@ class Gap:
         return None if self.textbook is None else _shrink(self.before, self.textbook, self.noise_floor)
 
 
-def measure_gap(fit: Fit, conditions: Conditions, floor: float | None = None, seed: int = 0) -> Gap:
+def measure_gap(fit: Fit, conditions: Conditions, floor: float | None = None) -> Gap:
     """Gap before and after the causes of a fit, each condition predicted from all the others.
 
     Args:
         fit: causes fitted; its blocks hold nuisances, then causes.
         conditions: blocks of one label are held out together.
         floor: root mean square of noise alone; by default what the fit leaves, which is noise if the causes are right.
-        seed: of the resampling.
     """
     amplitudes, widths = _amplitudes(fit)
     bounds = _bounds(fit)
@@ -71,7 +70,7 @@ def measure_gap(fit: Fit, conditions: Conditions, floor: float | None = None, se
     fitted = float(blocks.squares(np.arange(dof), amplitudes).sum())
     noise = fitted / max(expected - dof, 1.0) if floor is None else floor**2
     noise = min(noise, float(after.sum()) / expected)
-    interval = _interval(before, after, noise * expected / max(float(after.sum()), 1e-300), seed)
+    interval = _interval(before, after, noise * expected / max(float(after.sum()), 1e-300))
     rms = (np.sqrt(before.sum() / expected), np.sqrt(after.sum() / expected), np.sqrt(noise))
     shrink = _shrink(*map(float, rms)) if dof else 0.0
     return Gap(float(rms[0]), float(rms[1]), float(rms[2]), shrink, interval if dof else (0.0, 0.0), textbook)
@@ -176,9 +175,9 @@ def _solve(train: Normal, widths: Array, bounds: tuple[Array, Array]) -> Array:
     return solve_within(gram, train.moment, *bounds, solved)
 
 
-def _interval(before: Array, after: Array, ratio: float, seed: int) -> tuple[float, float]:
+def _interval(before: Array, after: Array, ratio: float) -> tuple[float, float]:
     """95 % interval of the shrink from blocks drawn with replacement (Efron's percentile bootstrap)."""
-    draws = np.random.default_rng(seed).integers(0, len(before), (RESAMPLES, len(before)))
+    draws = np.random.default_rng(0).integers(0, len(before), (RESAMPLES, len(before)))
     a, b = np.sqrt(before[draws].sum(axis=1)), np.sqrt(np.maximum(after[draws].sum(axis=1), 0.0))
     floor = b * np.sqrt(ratio)
     shrink = np.maximum(np.where(a > floor, (a - b) / np.where(a > floor, a - floor, 1.0), 0.0), -1.0)

@@ -196,21 +196,23 @@ def _level_around(power: Array) -> Array:
 def _place(track: Track) -> Finding:
     """One place on the circle, two degrees wide."""
     cell = (np.mod(track.angle, 2 * np.pi) * PLACES / (2 * np.pi)).astype(np.intp) % PLACES
-    z, used = _means(cell, track.rows, PLACES)
-    best = int(np.argmax(np.abs(z)))
-    log_p_value = _log_any(log_normal_tail(abs(float(z[best]))) + float(np.log(2)), used)
-    where = (best + 0.5) * 360 / PLACES
-    return Finding(track.channel, "place", log_p_value, max(0.0, float(z[best]) ** 2 - 1), f"angle: place {where:.0f}°")
+    return _of_cells(track, "place", cell, PLACES, lambda best: f"angle: place {(best + 0.5) * 360 / PLACES:.0f}°")
 
 
 def _time(track: Track) -> Finding:
     """One moment, half a second wide."""
-    cell = ((track.time - track.time[0]) / SECONDS).astype(np.intp)
-    z, used = _means(cell, track.rows, int(cell[-1]) + 1)
+    begin = track.time[0]
+    cell = ((track.time - begin) / SECONDS).astype(np.intp)
+    count = int(cell[-1]) + 1
+    return _of_cells(track, "time", cell, count, lambda best: f"time: at {begin + (best + 0.5) * SECONDS:.1f} s")
+
+
+def _of_cells(track: Track, kind: str, cell: NDArray[np.intp], count: int, words: Callable[[int], str]) -> Finding:
+    """The one of `count` cells, into which rows fall by `cell` (n,), whose mean is farthest from zero."""
+    z, used = _means(cell, track.rows, count)
     best = int(np.argmax(np.abs(z)))
     log_p_value = _log_any(log_normal_tail(abs(float(z[best]))) + float(np.log(2)), used)
-    moment = track.time[0] + (best + 0.5) * SECONDS
-    return Finding(track.channel, "time", log_p_value, max(0.0, float(z[best]) ** 2 - 1), f"time: at {moment:.1f} s")
+    return Finding(track.channel, kind, log_p_value, max(0.0, float(z[best]) ** 2 - 1), words(best))
 
 
 def _means(cell: NDArray[np.intp], rows: Array, cells: int) -> tuple[Array, int]:

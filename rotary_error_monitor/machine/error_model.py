@@ -145,14 +145,13 @@ def check_poses(
     positions: ArrayLike,
     direction: ArrayLike | None = None,
     temperature: ArrayLike | None = None,
-    monitored: ArrayLike | None = None,
 ) -> CheckedPoses:
     """The input as arrays with poses last.
 
     Raises:
-        InputError: a shape does not fit the machine, or a number is not finite (NaN only in `monitored`).
+        InputError: a shape does not fit the machine, or a number is not finite.
     """
-    return check_rows(arrange_rows(model, positions, direction, temperature, monitored))
+    return check_rows(arrange_rows(model, positions, direction, temperature))
 
 
 def arrange_rows(

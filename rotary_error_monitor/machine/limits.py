@@ -91,9 +91,7 @@ class LimitedCorrections:
     state: CorrectionState = field(repr=False)
 
 
-def axis_limits(
-    machine: MachineDescription, *, linear: Sequence[float], rotary: Sequence[float], longest_interval: float = 0.1
-) -> CorrectionLimits:
+def axis_limits(machine: MachineDescription, *, linear: Sequence[float], rotary: Sequence[float]) -> CorrectionLimits:
     """Limits of a machine's axes from (warning, error, rate) of its linear (m, m/s) and rotary (rad, rad/s) axes.
 
     Raises:
@@ -102,7 +100,7 @@ def axis_limits(
     rows = np.array([linear if axis.kind == "linear" else rotary for axis in machine.axes], dtype=np.float64)
     if rows.ndim != 2 or rows.shape[1] != 3:
         raise InputError(f"limits linear {linear}, rotary {rotary}; expected warning, error and rate for each")
-    return CorrectionLimits(machine.letters, rows[:, 0], rows[:, 1], rows[:, 2], longest_interval)
+    return CorrectionLimits(machine.letters, rows[:, 0], rows[:, 1], rows[:, 2])
 
 
 def initial_state(axes: int) -> CorrectionState:
@@ -135,17 +133,8 @@ def limit_corrections(
         InputError: shapes do not fit the limits, or times fall.
     """
     asked = np.asarray(wanted, dtype=np.float64)
-    count, axes = len(times_ns), len(limits.warning)
-    if asked.shape != (count, axes) or len(state.applied) != axes:
-        raise InputError(
-            f"corrections of shape {asked.shape} and a state of {len(state.applied)} axes; expected ({count}, {axes})"
-        )
-    before = times_ns[:1] if state.time_ns is None else np.array([state.time_ns], dtype=np.int64)
-    interval = np.diff(np.concatenate([before, times_ns])) * 1e-9
-    if (interval < 0.0).any():
-        place = int(np.argmax(interval < 0.0))
-        raise InputError(f"pose {place} is {-interval[place]:.9f} s before the one before it; expected times that rise")
-    if count == 0:
+    interval = _intervals(limits, state, times_ns, asked)
+    if len(interval) == 0:
         return LimitedCorrections(asked.copy(), np.zeros(0, dtype=np.int64), state)
 
     finite: NDArray[np.bool_] = np.all(np.isfinite(asked), axis=1)
@@ -161,16 +150,37 @@ def limit_corrections(
     outcomes[(size > limits.warning).any(axis=1)] = Outcome.WARNING
     outcomes[~use] = Outcome.HELD
     outcomes[latched] = Outcome.LATCHED
-    reason = state.reason
-    if latched[-1] and not state.latched:
-        first = int(np.argmax(over))
-        axis = int(np.argmax(size[first] > limits.error))
-        reason = (
-            f"correction {asked[first, axis]:.3e} of axis {limits.letters[axis]} at {int(times_ns[first])} ns "
-            f"is beyond the error limit {limits.error[axis]:.3e}"
-        )
+    newly = bool(latched[-1]) and not state.latched
+    reason = _why_latched(limits, asked, times_ns, int(np.argmax(over))) if newly else state.reason
     new = CorrectionState(tuple(corrections[-1].tolist()), int(times_ns[-1]), bool(latched[-1]), reason)
     return LimitedCorrections(corrections, outcomes, new)
+
+
+def _intervals(limits: CorrectionLimits, state: CorrectionState, times_ns: NDArray[np.int64], asked: Array) -> Array:
+    """(n,) time from the pose before to each, s.
+
+    Raises:
+        InputError: as `limit_corrections`.
+    """
+    count, axes = len(times_ns), len(limits.warning)
+    if asked.shape != (count, axes) or len(state.applied) != axes:
+        raise InputError(
+            f"corrections of shape {asked.shape} and a state of {len(state.applied)} axes; expected ({count}, {axes})"
+        )
+    before = times_ns[:1] if state.time_ns is None else np.array([state.time_ns], dtype=np.int64)
+    interval = np.diff(np.concatenate([before, times_ns])) * 1e-9
+    if (interval < 0.0).any():
+        place = int(np.argmax(interval < 0.0))
+        raise InputError(f"pose {place} is {-interval[place]:.9f} s before the one before it; expected times that rise")
+    return np.asarray(interval, np.float64)
+
+
+def _why_latched(limits: CorrectionLimits, asked: Array, times_ns: NDArray[np.int64], pose: int) -> str:
+    axis = int(np.argmax(np.abs(asked[pose]) > limits.error))
+    return (
+        f"correction {asked[pose, axis]:.3e} of axis {limits.letters[axis]} at {int(times_ns[pose])} ns "
+        f"is beyond the error limit {limits.error[axis]:.3e}"
+    )
 
 
 def _follow(start: Array, wanted: Array, follow: NDArray[np.bool_], reach: Array) -> tuple[Array, NDArray[np.bool_]]:

@@ -13,8 +13,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 
 CHANCE = 1e-4
@@ -52,12 +52,10 @@ class Isolation:
     """
 
     head: int
-    fault: NDArray[np.float64]
+    fault: Array
 
 
-def isolate_head(
-    layout: HeadLayout, motion: NDArray[np.float64], parity: NDArray[np.float64], lag: int
-) -> Isolation | None:
+def isolate_head(layout: HeadLayout, motion: Array, parity: Array, lag: int) -> Isolation | None:
     """The head whose fault explains the course of the contradiction; None where the course does not tell.
 
     Args:
@@ -81,9 +79,7 @@ def isolate_head(
     return Isolation(best, _course(layout.parity[:, best], parity))
 
 
-def isolate_implausible(
-    layout: HeadLayout, motion: NDArray[np.float64], parity: NDArray[np.float64], most: NDArray[np.float64]
-) -> Isolation | None:
+def isolate_implausible(layout: HeadLayout, motion: Array, parity: Array, most: Array) -> Isolation | None:
     """The head whose fault, taken out, leaves a motion that the stage can make, where that is so of one head alone.
 
     It needs no course: a head that comes back with another zero is off by far more than a stage moves.
@@ -115,18 +111,12 @@ def _can_do_without(layout: HeadLayout, head: int) -> bool:
     return len(rest) >= 2 and "theta" in HeadLayout(rest).observable
 
 
-def _course(column: NDArray[np.float64], parity: NDArray[np.float64]) -> NDArray[np.float64]:
+def _course(column: Array, parity: Array) -> Array:
     """(n,) fault of one head that explains most of the parity."""
     return np.asarray(parity @ column / (column @ column))
 
 
-def _roughness(
-    weights: NDArray[np.float64],
-    column: NDArray[np.float64],
-    motion: NDArray[np.float64],
-    parity: NDArray[np.float64],
-    lag: int,
-) -> float:
+def _roughness(weights: Array, column: Array, motion: Array, parity: Array, lag: int) -> float:
     """Mean square change over `lag` of what is left when the fault of one head has been taken out."""
     fault = _course(column, parity)
     left = np.concatenate([motion - fault[:, None] * weights, parity - fault[:, None] * column], axis=1)

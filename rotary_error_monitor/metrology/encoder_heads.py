@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.errors import InputError
 
 COMPONENTS = ("theta", "x", "y")
@@ -56,13 +56,13 @@ class HeadLayout:
             raise InputError(f"{len(self.azimuths)} read head; at least 2 tell rotation from radial motion")
 
     @cached_property
-    def sensitivity(self) -> NDArray[np.float64]:
+    def sensitivity(self) -> Array:
         """(h, 3) reading of each head per rotation and per displacement x, y in units of the radius."""
         phi = np.array(self.azimuths)
         return np.column_stack([np.ones(len(phi)), -np.sin(phi), np.cos(phi)])
 
     @cached_property
-    def weights(self) -> NDArray[np.float64]:
+    def weights(self) -> Array:
         """(3, h) least-squares weights of the readings for rotation, x and y; rows of unobservable ones are zero."""
         inverse = np.linalg.pinv(self.sensitivity, rcond=LEAK)
         inverse[[name not in self.observable for name in COMPONENTS]] = 0.0
@@ -70,7 +70,7 @@ class HeadLayout:
         return np.asarray(inverse)
 
     @cached_property
-    def view(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def view(self) -> tuple[Array, Array]:
         """(2, h) weights for what the heads see of a displacement x, y over the radius, and what that is, (2, 2).
 
         The latter takes a displacement to what is seen of it: itself, or its part across the line of two opposed heads.
@@ -80,14 +80,14 @@ class HeadLayout:
         return np.asarray(inverse[1:], float), np.asarray(np.where(np.abs(seen) < 1e-12, 0.0, seen), float)
 
     @cached_property
-    def projector(self) -> NDArray[np.float64]:
+    def projector(self) -> Array:
         """(h, h) what of the readings no rotation and no displacement explains."""
         rest = np.eye(len(self.azimuths)) - self.sensitivity @ np.linalg.pinv(self.sensitivity, rcond=LEAK)
         rest[np.abs(rest) < 1e-12] = 0.0
         return np.asarray(rest)
 
     @cached_property
-    def parity(self) -> NDArray[np.float64]:
+    def parity(self) -> Array:
         """(redundancy, h) orthonormal combinations of the readings that no rotation and no displacement changes.
 
         The parity vector of fault detection (Potter and Suman 1977): zero but for noise, whatever the rotor does.
@@ -128,7 +128,7 @@ class HeadLayout:
         return tuple(view.order for view in self.graduation_view(range(1, highest + 1)) if view.seen < LEAK)
 
 
-def seen_part(azimuths: NDArray[np.float64], order: int) -> float:
+def seen_part(azimuths: Array, order: int) -> float:
     """Part of an order's amplitude in which the heads differ; what all see alike passes for rotation."""
     wave = np.exp(1j * order * azimuths)
     return float(np.sqrt(np.mean(np.abs(wave - wave.mean()) ** 2)))
@@ -148,17 +148,15 @@ class RingPose:
         seen: (m, 2) what the heads see of the displacement, m: all of it, or one direction where they tell no more.
     """
 
-    theta: NDArray[np.float64]
-    centre: NDArray[np.float64]
-    covariance: NDArray[np.float64]
-    disagreement: NDArray[np.float64]
-    parity: NDArray[np.float64]
-    seen: NDArray[np.float64]
+    theta: Array
+    centre: Array
+    covariance: Array
+    disagreement: Array
+    parity: Array
+    seen: Array
 
 
-def estimate_ring_pose(
-    layout: HeadLayout, radius: float, readings: NDArray[np.float64], variances: NDArray[np.float64]
-) -> RingPose:
+def estimate_ring_pose(layout: HeadLayout, radius: float, readings: Array, variances: Array) -> RingPose:
     """Rotation and displacement of the ring from simultaneous readings.
 
     Whole turns between the heads are removed: only their differences within half a turn have a meaning.
@@ -187,22 +185,20 @@ def estimate_ring_pose(
 
 
 @lru_cache(maxsize=64)
-def _products(layout: HeadLayout, radius: float) -> NDArray[np.float64]:
+def _products(layout: HeadLayout, radius: float) -> Array:
     """(9, h) weights of the variances of the readings for the covariance of rotation (rad) and displacement (m)."""
     scale = np.array([1.0, radius, radius])
     products = layout.weights[:, None] * layout.weights[None] * (scale[:, None] * scale)[:, :, None]
     return np.asarray(products.reshape(9, -1))
 
 
-def _disagreement(
-    layout: HeadLayout, relative: NDArray[np.float64], variances: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _disagreement(layout: HeadLayout, relative: Array, variances: Array) -> Array:
     if layout.redundancy == 0:
         return np.zeros(relative.shape[1])
     residual = _sum_over_heads(layout.projector, relative)
     return np.asarray(np.sqrt((residual * residual / variances).sum(axis=0) / layout.redundancy))
 
 
-def _sum_over_heads(weights: NDArray[np.float64], columns: NDArray[np.float64]) -> NDArray[np.float64]:
+def _sum_over_heads(weights: Array, columns: Array) -> Array:
     """(r, m) sums of columns (h, m) with weights (r, h)."""
     return np.asarray((weights.T[:, :, None] * columns[:, None]).sum(axis=0))

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array, Mask
 from rotary_error_monitor.description.stage import Autocollimator, Encoder, Mirror, Spindle
 from rotary_error_monitor.metrology.harmonics import angular_sum, planar_sum
 from rotary_error_monitor.metrology.periodic_curves import graduation_error, mirror_form
@@ -39,28 +40,23 @@ class ErrorMotion:
             scatter, and for they contradict one another.
     """
 
-    theta: NDArray[np.float64]
-    components: NDArray[np.float64]
-    observable: NDArray[np.bool_]
-    covariance: NDArray[np.float64]
+    theta: Array
+    components: Array
+    observable: Mask
+    covariance: Array
     times_ns: NDArray[np.int64]
     streams: NDArray[np.int64]
     doubts: NDArray[np.int64]
-    head_scale: NDArray[np.float64]
-    tilt_scale: NDArray[np.float64]
-    lag: NDArray[np.float64]
-    unresolved: NDArray[np.float64]
-    unresolved_tilt: NDArray[np.float64]
-    sensor_scale: NDArray[np.float64]
-    sensor_conflict: NDArray[np.float64]
+    head_scale: Array
+    tilt_scale: Array
+    lag: Array
+    unresolved: Array
+    unresolved_tilt: Array
+    sensor_scale: Array
+    sensor_conflict: Array
 
     @staticmethod
-    def of(
-        theta: NDArray[np.float64],
-        components: NDArray[np.float64],
-        observable: NDArray[np.bool_],
-        covariance: NDArray[np.float64],
-    ) -> ErrorMotion:
+    def of(theta: Array, components: Array, observable: Mask, covariance: Array) -> ErrorMotion:
         """Error motion by itself: at no time of a clock, of no stream, nothing of it doubted."""
         mask, one, zero = np.zeros(len(theta), np.int64), np.ones(len(theta)), np.zeros(len(theta))
         return ErrorMotion(
@@ -82,11 +78,11 @@ class ErrorMotion:
             return parts[0]
         return ErrorMotion(*(np.concatenate(each) for each in zip(*(part._arrays() for part in parts), strict=True)))
 
-    def at(self, chosen: NDArray[np.int64] | NDArray[np.bool_] | slice) -> ErrorMotion:
+    def at(self, chosen: NDArray[np.int64] | Mask | slice) -> ErrorMotion:
         """The same at some of the times; of a slice, views."""
         return ErrorMotion(*(each[chosen] for each in self._arrays()))
 
-    def hide(self, times: NDArray[np.bool_], places: Sequence[int]) -> None:
+    def hide(self, times: Mask, places: Sequence[int]) -> None:
         """Make the components at `places` not observable at some of the `times` (m,)."""
         for place in places:
             self.observable[times, place] = False
@@ -97,7 +93,7 @@ class ErrorMotion:
         return tuple(vars(self).values())
 
 
-def rotate(vector: tuple[float, float], theta: NDArray[np.float64]) -> NDArray[np.float64]:
+def rotate(vector: tuple[float, float], theta: Array) -> Array:
     """(m, 2) a vector of the rotor's frame in the base's, at rotations `theta` (m,)."""
     cos, sin = np.cos(theta), np.sin(theta)
     turned = np.empty((len(theta), 2))
@@ -105,9 +101,7 @@ def rotate(vector: tuple[float, float], theta: NDArray[np.float64]) -> NDArray[n
     return turned
 
 
-def remove_graduation(
-    reading: NDArray[np.float64], azimuth: NDArray[np.float64], encoder: Encoder
-) -> NDArray[np.float64]:
+def remove_graduation(reading: Array, azimuth: Array, encoder: Encoder) -> Array:
     """(m, h) readings of heads free of the graduation error G(azimuth - theta), each reading taken for theta.
 
     A reading differs from theta by eccentricity over radius, a few 1e-4 rad, which moves G by less than 1e-9 rad.
@@ -117,19 +111,17 @@ def remove_graduation(
     return reading - graduation_error(encoder, azimuth - reading)
 
 
-def remove_eccentricity(
-    centre: NDArray[np.float64], theta: NDArray[np.float64], encoder: Encoder
-) -> NDArray[np.float64]:
+def remove_eccentricity(centre: Array, theta: Array, encoder: Encoder) -> Array:
     """(m, 2) radial error motion at the ring: its centre less the assembly eccentricity (Lou et al. 2019, Eq. 4-5)."""
     return centre - rotate(encoder.eccentricity, theta)
 
 
-def remove_mirror(tilt: NDArray[np.float64], theta: NDArray[np.float64], mirror: Mirror) -> NDArray[np.float64]:
+def remove_mirror(tilt: Array, theta: Array, mirror: Mirror) -> Array:
     """(m, 2) tilt error motion: the mirror's tilt less its assembly tilt and flatness (Lou et al. 2019, Equation 6)."""
     return tilt - rotate(mirror.tilt, theta) - mirror_form(mirror, theta)
 
 
-def described_error_motion(spindle: Spindle, theta: NDArray[np.float64]) -> NDArray[np.float64]:
+def described_error_motion(spindle: Spindle, theta: Array) -> Array:
     """(m, 6) error motion (m, rad) that a spindle's description has at rotations `theta` (m,), rad."""
     motion = np.zeros((len(theta), len(COMPONENTS)))
     motion[:, :2] = planar_sum(spindle.radial, theta)
@@ -138,13 +130,13 @@ def described_error_motion(spindle: Spindle, theta: NDArray[np.float64]) -> NDAr
     return motion
 
 
-def radial_error_motion_at(components: NDArray[np.float64], height: float) -> NDArray[np.float64]:
+def radial_error_motion_at(components: Array, height: float) -> Array:
     """(m, 2) radial error motion at `height` above the ring, m (Abbe; Lou et al. 2019, Equation 7 in components)."""
     exc, eyc, eac, ebc = (components[:, i] for i in (0, 1, 3, 4))
     return np.stack([exc + height * np.tan(ebc), eyc - height * np.tan(eac)], axis=1)
 
 
-def radial_covariance_at(covariance: NDArray[np.float64], height: float) -> NDArray[np.float64]:
+def radial_covariance_at(covariance: Array, height: float) -> Array:
     """(m, 2, 2) covariance of `radial_error_motion_at` by propagation of (m, 6, 6)."""
     sensitivity = np.zeros((2, 6))
     sensitivity[0, [0, 4]] = 1.0, height
@@ -156,9 +148,7 @@ NO_STEP = 1e-6
 """A step smaller than this part of the noise adds less than a part in 1e12 to its variance."""
 
 
-def reading_variance(
-    noise: float, resolution: float, gain: NDArray[np.float64], travel: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def reading_variance(noise: float, resolution: float, gain: Array, travel: Array) -> Array:
     """Variance of a resampled reading from the instrument's noise and resolution.
 
     Rounding adds resolution²/12. The part that noise does not break up, exp(-(2 pi noise/resolution)²) of its first
@@ -179,7 +169,7 @@ def reading_variance(
     return np.asarray(gain * noise**2 + rounding)
 
 
-def bend_variance(bend: NDArray[np.float64]) -> NDArray[np.float64]:
+def bend_variance(bend: Array) -> Array:
     """(m,) variance of a rotation against its command from what interpolation cannot follow, rad².
 
     A cubic through even samples misses at most 9/384 of their fourth difference. Where a ramp of speed lasts some
@@ -189,14 +179,12 @@ def bend_variance(bend: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray((9 / 384) ** 2 * (np.max(bend[:, :-1], axis=1) ** 2 + bend[:, -1] ** 2))
 
 
-def head_variance(encoder: Encoder, gain: NDArray[np.float64], travel: NDArray[np.float64]) -> NDArray[np.float64]:
+def head_variance(encoder: Encoder, gain: Array, travel: Array) -> Array:
     """(m,) variance of a head's resampled reading, rad²."""
     return reading_variance(encoder.noise, encoder.resolution, gain, travel)
 
 
-def tilt_variance(
-    instrument: Autocollimator, gain: NDArray[np.float64], travel: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def tilt_variance(instrument: Autocollimator, gain: Array, travel: Array) -> Array:
     """Variance of components of the resampled tilt, rad², of the shape of `travel`; turbulence is not averaged."""
     slow = 0.0 if instrument.turbulence is None else instrument.turbulence.std**2
     return reading_variance(instrument.noise, instrument.resolution, gain, travel) + slow

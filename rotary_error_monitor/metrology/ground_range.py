@@ -6,11 +6,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.metrology.profile_range import DRAWS, NORMAL_95, range_estimate
-
-Array = NDArray[np.float64]
 
 EVERY = 2
 """Of the points of a surface each way, one in so many is looked at: 10 mm of 1400 mm, less than curves are known to."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Times
 from rotary_error_monitor.description.stage import Lvdt
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.error_motion import (
@@ -35,7 +36,7 @@ class LvdtComparison:
         std: (m, p) standard deviation of the difference by propagation, m.
     """
 
-    stamp_ns: NDArray[np.int64]
+    stamp_ns: Times
     estimate: NDArray[np.float64]
     reference: NDArray[np.float64]
     std: NDArray[np.float64]
@@ -82,12 +83,7 @@ class LvdtAgreement:
 
 
 def compare_with_lvdt(
-    stamp_ns: NDArray[np.int64],
-    motion: ErrorMotion,
-    lvdt: Lvdt,
-    times_ns: NDArray[np.int64],
-    radial: NDArray[np.float64],
-    period_ns: int,
+    stamp_ns: Times, motion: ErrorMotion, lvdt: Lvdt, times_ns: Times, radial: NDArray[np.float64], period_ns: int
 ) -> LvdtComparison:
     """Compare at the times of the estimate where both are known.
 

@@ -149,14 +149,8 @@ def _fit_mirror(
     coefficients, first = fit.coefficients[1:].ravel(), fit.place(1)
     tilt, tilt_spread = _WITH @ coefficients[first], _WITH @ spread[first, first] @ _WITH.T
     kept, made = _flatness(fit, spread, described, told)
-    judged = judge_recording(
-        fit.residual,
-        seen.variances,
-        tilt_reading_variance(instrument),
-        fit.coefficients.size + 1,
-        seen.times,
-        seen.speed,
-    )
+    read = tilt_reading_variance(instrument)
+    judged = judge_recording(fit.residual, seen.variances, read, fit.coefficients.size + 1, seen.times, seen.speed)
     std = np.hypot(np.sqrt(np.diag(tilt_spread)), judged.discrepancy)
     flat = made @ spread @ made.T
     stds = np.sqrt(np.diag(flat).reshape(-1, 4).max(axis=1, initial=0.0))

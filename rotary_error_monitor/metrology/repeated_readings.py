@@ -26,9 +26,14 @@ def run_by_chance(noise: float, resolution: float, components: int = 1) -> float
     return min(1e6, 1.0 + math.log(SURE) / math.log(equal)) if equal < 1.0 else 1e6
 
 
+def runs_of(values: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Places (k,) at which the runs of equal ones of `values` (n,) begin, and their lengths (k,)."""
+    starts = np.flatnonzero(np.diff(values, prepend=np.nan) != 0)
+    return starts, np.diff(np.append(starts, len(values)))
+
+
 def longest_run(values: NDArray[np.float64]) -> tuple[int, int]:
     """Place at which the longest run of equal ones of `values` (n,), n > 0, begins, and how many these are."""
-    starts = np.flatnonzero(np.diff(values, prepend=np.nan) != 0)
-    lengths = np.diff(np.append(starts, len(values)))
+    starts, lengths = runs_of(values)
     longest = int(np.argmax(lengths))
     return int(starts[longest]), int(lengths[longest])

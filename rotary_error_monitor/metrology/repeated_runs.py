@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.positioning import Outlier, find_outlying
 from rotary_error_monitor.metrology.scans import fit_scans, neighbour_correlation
@@ -49,8 +50,8 @@ MOST_NODES = 1001
 class Run:
     """One pass over a guideway: positions (n,) m, readings (n,) m, direction +1 or -1."""
 
-    positions: NDArray[np.float64]
-    readings: NDArray[np.float64]
+    positions: Array
+    readings: Array
     direction: int
 
 
@@ -76,23 +77,18 @@ class RepeatedRuns:
         freedom: degrees of freedom of `scatter`.
     """
 
-    positions: NDArray[np.float64]
-    mean: NDArray[np.float64]
-    reversal: NDArray[np.float64] | None
-    spread: NDArray[np.float64]
+    positions: Array
+    mean: Array
+    reversal: Array | None
+    spread: Array
     largest_deviation: float
-    uncertainty: NDArray[np.float64] | None
-    weights: NDArray[np.float64]
+    uncertainty: Array | None
+    weights: Array
     correlation: float
     stops: bool
     scatter: float = 0.0
     outliers: tuple[Outlier, ...] = ()
     freedom: int = 0
-
-    @property
-    def standard_uncertainty(self) -> float:
-        """Of `mean` by repetition, root mean square over the positions, m; zero if no run was repeated."""
-        return 0.0 if self.uncertainty is None else float(np.sqrt(np.mean(self.uncertainty**2)))
 
 
 def combine_runs(
@@ -108,8 +104,7 @@ def combine_runs(
     Stops of different runs that are as near to one another as `position_noise` (standard deviation, m) and a part of
     their spacing let them be are the same stop, and are averaged. Runs that share no stops, such as scans, are fitted
     by a spline with a node every `spacing` m (by default the largest median sample spacing, up to twice that where the
-    samples leave gaps). Each run has a
-    height of its own: a shift of the sensor between runs is no repeatability.
+    samples leave gaps). Each run has a height of its own: a shift of the sensor between runs is no repeatability.
 
     Args:
         runs: in any order, each with its positions in any order.
@@ -128,17 +123,16 @@ def combine_runs(
         check_profile(run.positions, run.readings)
     if {run.direction for run in runs} - {1, -1}:
         raise InputError(f"directions {sorted({run.direction for run in runs})}: +1 and -1 are known")
-    stops = _common_stops(runs, position_noise)
-    if stops is None:
+    if (stops := _common_stops(runs, position_noise)) is None:
         return _combine_scans(runs, spacing)
     positions, indices = stops
     tables = _tabulate(runs, positions, indices)
-    if any(np.any(run.positions != positions[index]) for run, index in zip(runs, indices, strict=True)):
+    placed = list(zip(runs, indices, strict=True))
+    if any(np.any(run.positions != positions[index]) for run, index in placed):
         # a stop that is a little off reads the slope there as well
         slope = np.gradient(_average(positions, tables, ()).mean, positions)
         straight = [
-            replace(run, readings=run.readings - slope[index] * (run.positions - positions[index]))
-            for run, index in zip(runs, indices, strict=True)
+            replace(run, readings=run.readings - slope[i] * (run.positions - positions[i])) for run, i in placed
         ]
         tables = _tabulate(straight, positions, indices)
     least = max(noise / 2, ROUNDING * max(float(np.abs(run.readings).max()) for run in runs))
@@ -150,9 +144,7 @@ def combine_runs(
     return _average(positions, tables, outliers)
 
 
-def _tabulate(
-    runs: Sequence[Run], positions: NDArray[np.float64], indices: Sequence[NDArray[np.int64]]
-) -> dict[int, NDArray[np.float64]]:
+def _tabulate(runs: Sequence[Run], positions: Array, indices: Sequence[NDArray[np.int64]]) -> dict[int, Array]:
     """Readings (s, r) by stop and run of each direction, NaN where a stop was left out, heights of runs removed."""
     tables = {}
     for sign in sorted({run.direction for run in runs}, reverse=True):
@@ -164,9 +156,7 @@ def _tabulate(
     return tables
 
 
-def _common_stops(
-    runs: Sequence[Run], position_noise: float
-) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]] | None:
+def _common_stops(runs: Sequence[Run], position_noise: float) -> tuple[Array, list[NDArray[np.int64]]] | None:
     """Mean position of each stop and which stop each reading of a run is; None if runs have few stops in common."""
     steps = np.concatenate([np.diff(np.sort(run.positions)) for run in runs])
     least = float(steps.min())
@@ -192,7 +182,7 @@ def _common_stops(
     return np.bincount(index, everything) / np.bincount(index), parts
 
 
-def _heights(table: NDArray[np.float64]) -> NDArray[np.float64]:
+def _heights(table: Array) -> Array:
     """(r,) height of each run in readings (s, r), NaN where a run left a stop out, by least squares; their sum is 0."""
     seen = np.isfinite(table).astype(np.float64)
     values = np.nan_to_num(table)
@@ -222,9 +212,7 @@ def _connected(runs: Sequence[Run], indices: Sequence[NDArray[np.int64]]) -> boo
     return True
 
 
-def _average(
-    positions: NDArray[np.float64], tables: dict[int, NDArray[np.float64]], outliers: tuple[Outlier, ...]
-) -> RepeatedRuns:
+def _average(positions: Array, tables: dict[int, Array], outliers: tuple[Outlier, ...]) -> RepeatedRuns:
     """Stop by stop, from readings (s, r) of each direction with the heights of their runs removed."""
     counts = {sign: np.isfinite(table).sum(axis=1) for sign, table in tables.items()}
     means = {sign: np.nansum(table, axis=1) / np.maximum(counts[sign], 1) for sign, table in tables.items()}
@@ -316,7 +304,7 @@ def _combine_scans(runs: Sequence[Run], spacing: float | None) -> RepeatedRuns:
     )
 
 
-def _sure_nodes(weights: NDArray[np.float64]) -> slice:
+def _sure_nodes(weights: Array) -> slice:
     """All nodes but those at the ends whose variance, in units of a reading's, stands out of the others'."""
     sure = np.flatnonzero(weights <= max(1.0, UNSURE_END**2 * float(np.median(weights))))
     return slice(int(sure[0]), int(sure[-1]) + 1)

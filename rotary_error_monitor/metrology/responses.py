@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.response import Response
 from rotary_error_monitor.signals.blocks import SampleBlock
 
@@ -34,9 +34,7 @@ def correct_block(block: SampleBlock, fields: Sequence[str], response: Response 
     return SampleBlock(block.stamp_ns - response.latency_ns, block.names, rows)
 
 
-def distortion_variance(
-    roll: float, stds: Sequence[float], along: NDArray[np.float64], across: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def distortion_variance(roll: float, stds: Sequence[float], along: Array, across: Array) -> Array:
     """(m,) variance of the x component of a tilt by a distortion that is uncertain, rad^2.
 
     To first order, about an instrument that hardly distorts. That of the y component follows with the roll negative,

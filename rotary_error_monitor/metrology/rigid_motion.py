@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array, Mask
 from rotary_error_monitor.metrology.error_motion import COMPONENTS, ErrorMotion
 
 LEVER = 0.1
@@ -34,12 +35,12 @@ class Seen:
         variance: (m, p) of that, m² or rad², above 0.
     """
 
-    sensitivity: NDArray[np.float64]
-    displacement: NDArray[np.float64]
-    variance: NDArray[np.float64]
+    sensitivity: Array
+    displacement: Array
+    variance: Array
 
 
-def observable_components(known: NDArray[np.bool_], sensitivity: NDArray[np.float64]) -> NDArray[np.bool_]:
+def observable_components(known: Mask, sensitivity: Array) -> Mask:
     """(6,) which components are determined by what is known of them (6,) and by sensors.
 
     Args:
@@ -50,9 +51,7 @@ def observable_components(known: NDArray[np.bool_], sensitivity: NDArray[np.floa
     return np.asarray(np.abs(outside).max(axis=1, initial=0.0) < _SEEN)
 
 
-def redundant_sensors(
-    known: NDArray[np.bool_], sensitivity: NDArray[np.float64], owner: NDArray[np.intp] | None = None
-) -> NDArray[np.bool_]:
+def redundant_sensors(known: Mask, sensitivity: Array, owner: NDArray[np.intp] | None = None) -> Mask:
     """(s,) whether all that a sensor sees is determined without it: a fault of it alone would show (Baarda 1968).
 
     Args:
@@ -133,7 +132,7 @@ def disagreement(motion: ErrorMotion, seen: Seen) -> tuple[float, int]:
     return float(chi_square[0]), freedom
 
 
-def disagreements(motion: ErrorMotion, seen: Seen) -> tuple[NDArray[np.float64], int]:
+def disagreements(motion: ErrorMotion, seen: Seen) -> tuple[Array, int]:
     """(m,) the same at each of the times."""
     joined, known = _solved(motion, seen), motion.observable[0]
     basis, _ = _determined(known, seen.sensitivity)
@@ -150,9 +149,7 @@ def disagreements(motion: ErrorMotion, seen: Seen) -> tuple[NDArray[np.float64],
     return found, int(known.sum()) + len(seen.sensitivity) - basis.shape[1]
 
 
-def _determined(
-    known: NDArray[np.bool_], sensitivity: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _determined(known: Mask, sensitivity: Array) -> tuple[Array, Array]:
     """(6, r) basis of the directions that are determined, (6, 6 - r) of the others, angles times `LEVER`."""
     rows = np.vstack([np.eye(len(COMPONENTS))[known], sensitivity / _SCALE])
     _, sizes, vectors = np.linalg.svd(rows, full_matrices=True)

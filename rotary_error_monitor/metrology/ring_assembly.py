@@ -11,10 +11,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag, helmert
 
-from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.arrays import Array, Complex
 from rotary_error_monitor.description.stage import AngularHarmonic, Encoder, StageDescription
 from rotary_error_monitor.metrology.encoder_heads import LEAST_SEEN, seen_part
 from rotary_error_monitor.metrology.harmonics import angular_sum
@@ -86,26 +85,20 @@ def estimate_ring_assembly(
     """
     readings = check_heads(stage, recording)
     azimuths = np.array([stage.azimuths[name] for name in recording.heads])
-    contrasts = helmert(len(azimuths))
-    theta = readings.mean(axis=1)
+    contrasts, theta = helmert(len(azimuths)), readings.mean(axis=1)
     told = told_orders(theta, recording, highest)
-    kept = tuple(
-        row
-        for row in stage.ring.graduation
-        if not 2 <= row.order <= told or seen_part(azimuths, row.order) < LEAST_SEEN
-    )
+    hidden = {order for order in range(1, told + 1) if seen_part(azimuths, order) < LEAST_SEEN}
+    kept = tuple(row for row in stage.ring.graduation if not 2 <= row.order <= told or row.order in hidden)
     described = [row.order for row in stage.ring.graduation if row not in kept]
     if every:
-        described = [order for order in range(2, told + 1) if seen_part(azimuths, order) >= LEAST_SEEN]
+        described = [order for order in range(2, told + 1) if order not in hidden]
     for limit in (1, told):  # eccentricity first: the mean of some layouts of heads is no rotation before
         psi = azimuths - theta[:, None]
         values = (readings - angular_sum(kept, psi)) @ contrasts.T
         seen = observe(theta, values, recording.reading_variances, recording.speed, recording.times)
-        orders = [order for order in described if order <= limit]
-        solved = _fit_ring(seen, azimuths, contrasts, orders, limit, stage.ring)
+        solved = _fit_ring(seen, azimuths, contrasts, [k for k in described if k <= limit], limit, stage.ring)
         fitted = solved.rows
         theta = (readings - angular_sum((*kept, *fitted), azimuths - readings)).mean(axis=1)
-    constant = contrasts.T @ solved.fit.coefficients[0]
     radius, discrepancy = stage.ring.disc_radius, solved.judged.discrepancy
     std = [tuple(np.hypot(pair, discrepancy).tolist()) for pair in solved.std]
     # eccentricity e reads (-e_x sin psi + e_y cos psi) / r: it is order 1 of the graduation
@@ -116,14 +109,14 @@ def estimate_ring_assembly(
         graduation_std=tuple((pair[0], pair[1]) for pair in std[1:]),
         graduation_covariance=solved.covariance[2:, 2:] + discrepancy**2 * np.eye(2 * len(fitted[1:])),
         kept=kept,
-        head_offsets=tuple(constant.tolist()),
+        head_offsets=tuple((contrasts.T @ solved.fit.coefficients[0]).tolist()),
         highest=told,
-        hidden_orders=tuple(k for k in range(1, told + 1) if seen_part(azimuths, k) < LEAST_SEEN),
+        hidden_orders=tuple(sorted(hidden)),
         fit=solved.judged,
     )
 
 
-def _pattern(azimuths: Array, contrasts: Array, order: int) -> NDArray[np.complex128]:
+def _pattern(azimuths: Array, contrasts: Array, order: int) -> Complex:
     """(c,) how a ring's wave of that order appears in the contrasts between heads; nothing where it is hidden."""
     if seen_part(azimuths, order) < LEAST_SEEN:
         return np.zeros(len(contrasts), dtype=np.complex128)
@@ -142,17 +135,12 @@ class _Ring:
 
 
 def _fit_ring(
-    seen: Observed,
-    azimuths: Array,
-    contrasts: Array,
-    described: Sequence[int],
-    told: int,
-    encoder: Encoder,
+    seen: Observed, azimuths: Array, contrasts: Array, described: Sequence[int], told: int, encoder: Encoder
 ) -> _Ring:
     floor = LEAST_NOISE * float(seen.variances.mean())
     always = sorted({1, *described})
 
-    def pattern(order: int) -> NDArray[np.complex128]:
+    def pattern(order: int) -> Complex:
         return _pattern(azimuths, contrasts, order)
 
     def fitted(orders: set[int]) -> OrderFit:
@@ -194,7 +182,7 @@ class _Split:
         shapes: (c,) amplitudes by channel of a unit wave, for the orders that the ring has; others are free.
     """
 
-    def __init__(self, fit: OrderFit, shapes: Mapping[int, NDArray[np.complex128]]) -> None:
+    def __init__(self, fit: OrderFit, shapes: Mapping[int, Complex]) -> None:
         self._fit, self.shapes = fit, shapes
         channels = fit.coefficients.shape[1]
         # cos and sin of order k of the graduation are cos(k psi) and sin(k psi), psi = azimuth - theta

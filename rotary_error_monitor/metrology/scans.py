@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.sparse import csr_array
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.errors import InputError
 
 DEGREE = 3
@@ -34,26 +34,22 @@ class ScanFit:
         freedom: degrees of freedom of the residual.
     """
 
-    values: NDArray[np.float64]
-    weights: NDArray[np.float64]
-    residual: NDArray[np.float64]
+    values: Array
+    weights: Array
+    residual: Array
     freedom: int
 
 
-def fit_scans(scans: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]], breaks: NDArray[np.float64]) -> ScanFit:
+def fit_scans(scans: Sequence[tuple[Array, Array]], breaks: Array) -> ScanFit:
     """Cubic spline with nodes at rising `breaks` (b,) m through scans of positions and readings (n,) m.
 
     Raises:
         InputError: no scan has a sample between two breaks.
     """
     positions = np.concatenate([positions for positions, _ in scans])
-    count, _ = np.histogram(positions, breaks)
-    if np.any(count == 0):
-        at = int(np.argmin(count))
-        raise InputError(
-            f"no run of a direction has a sample from {breaks[at]:g} m to {breaks[at + 1]:g} m; measure without the gap"
-        )
-    knots = np.concatenate([np.full(DEGREE, breaks[0]), breaks, np.full(DEGREE, breaks[-1])])
+    if empty := gap_between(breaks, positions):
+        raise InputError(f"no run of a direction has a sample {empty}; measure without the gap")
+    knots = knots_of(breaks)
     spline = csr_array(BSpline.design_matrix(positions, knots, DEGREE))
     which = np.repeat(np.arange(len(scans)), [len(positions) for positions, _ in scans])
     heights = (which[:, None] == np.arange(1, len(scans))).astype(np.float64)
@@ -62,16 +58,31 @@ def fit_scans(scans: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]], 
     return _fit_banded(spline, heights, readings, at_breaks) or _fit_dense(spline, heights, readings, at_breaks)
 
 
-def _fit_banded(
-    spline: csr_array, heights: NDArray[np.float64], readings: NDArray[np.float64], at_breaks: csr_array
-) -> ScanFit | None:
+def gap_between(breaks: Array, samples: Array) -> str:
+    """Between which of rising `breaks` (b,) m there is no sample (n,) m, in words; empty where there is one in each."""
+    count, _ = np.histogram(samples, breaks)
+    at = int(np.argmin(count))
+    return "" if count[at] else f"from {breaks[at]:g} m to {breaks[at + 1]:g} m"
+
+
+def knots_of(breaks: Array) -> Array:
+    """Knots of a spline with nodes at rising `breaks` (b,)."""
+    return np.concatenate([np.full(DEGREE, breaks[0]), breaks, np.full(DEGREE, breaks[-1])])
+
+
+def upper_band(matrix: csr_array) -> Array:
+    """(DEGREE + 1, n) diagonals of a spline's normal matrix (n, n), as LAPACK takes them."""
+    band = np.zeros((DEGREE + 1, matrix.shape[0]))
+    for above in range(DEGREE + 1):
+        band[DEGREE - above, above:] = matrix.diagonal(above)
+    return band
+
+
+def _fit_banded(spline: csr_array, heights: Array, readings: Array, at_breaks: csr_array) -> ScanFit | None:
     """By normal equations, the spline's banded block eliminated first; None where samples hardly tell a coefficient."""
     normal = csr_array(spline.T @ spline)
-    band = np.zeros((DEGREE + 1, normal.shape[0]))
-    for above in range(DEGREE + 1):
-        band[DEGREE - above, above:] = normal.diagonal(above)
     try:
-        factor = cholesky_banded(band)
+        factor = cholesky_banded(upper_band(normal))
     except np.linalg.LinAlgError:
         return None
     pivots = factor[DEGREE]
@@ -94,9 +105,7 @@ def _fit_banded(
     )
 
 
-def _fit_dense(
-    spline: csr_array, heights: NDArray[np.float64], readings: NDArray[np.float64], at_breaks: csr_array
-) -> ScanFit:
+def _fit_dense(spline: csr_array, heights: Array, readings: Array, at_breaks: csr_array) -> ScanFit:
     """By singular values: of what samples do not tell the smallest."""
     design = np.concatenate([spline.toarray(), heights], axis=1)
     solution, _, rank, _ = np.linalg.lstsq(design, readings, rcond=None)
@@ -111,7 +120,7 @@ def _fit_dense(
     )
 
 
-def neighbour_correlation(departures: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]]) -> float:
+def neighbour_correlation(departures: Sequence[tuple[Array, Array]]) -> float:
     """Correlation of neighbours in positions and departures (n,) of runs, NaN where there is none; 0 or above.
 
     The line of each run is taken out: it makes no error of straightness.

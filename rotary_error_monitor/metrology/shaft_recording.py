@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.arrays import Array, Mask
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.encoder_heads import LEAST_SEEN, seen_part
@@ -61,7 +61,7 @@ class ShaftRecording:
     reach: float = 0.0
     tilt: Array | None = None
     tilt_variances: Array | None = None
-    tilt_valid: NDArray[np.bool_] | None = None
+    tilt_valid: Mask | None = None
 
 
 def record_shaft(stage: StageDescription, heads: Mapping[str, Stream], tilt: Stream | None) -> ShaftRecording:
@@ -109,21 +109,14 @@ def record_shaft(stage: StageDescription, heads: Mapping[str, Stream], tilt: Str
     )
     if tilt is None:
         return shaft
-    mirror = sampled[-1]
-    instrument = stage.tilt_instrument
+    instrument, mirror = stage.tilt_instrument, sampled[-1]
     saturated = check_saturation(tilt[1], instrument, stage.response("autocollimator"))
-    spread = [tilt_variance(instrument, mirror.gain, mirror.travel[:, k]) for k in range(2)]
-    return replace(
-        shaft,
-        tilt=mirror.values[valid],
-        tilt_variances=np.stack(spread, axis=1)[valid],
-        tilt_valid=~_near_saturated(tilt, ticks[valid], period, saturated),
-    )
+    spread = [tilt_variance(instrument, mirror.gain, mirror.travel[:, k])[valid] for k in range(2)]
+    usable = ~_near_saturated(tilt, ticks[valid], period, saturated)
+    return replace(shaft, tilt=mirror.values[valid], tilt_variances=np.stack(spread, axis=1), tilt_valid=usable)
 
 
-def _near_saturated(
-    stream: Stream, ticks: NDArray[np.int64], period: int, saturated: NDArray[np.bool_]
-) -> NDArray[np.bool_]:
+def _near_saturated(stream: Stream, ticks: NDArray[np.int64], period: int, saturated: Mask) -> Mask:
     """(m,) whether a sample within a period of a tick stood at the end of the measuring range."""
     at = stream[0][saturated]
     before = np.searchsorted(at, ticks - period)

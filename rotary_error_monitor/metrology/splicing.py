@@ -17,12 +17,12 @@ from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 from scipy.linalg import cho_factor, cho_solve, cho_solve_banded, cholesky_banded
 from scipy.sparse import csr_array
 from scipy.stats import chi2
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.overlaps import Overlap, Residual, compare_overlaps, overlap_warnings
 from rotary_error_monitor.metrology.reference_mirror import (
@@ -37,6 +37,7 @@ from rotary_error_monitor.metrology.reference_mirror import (
     mirror_form,
     place_segment,
 )
+from rotary_error_monitor.metrology.scans import DEGREE, gap_between, knots_of, upper_band
 from rotary_error_monitor.metrology.straightness import LineMethod, Straightness, estimate_straightness
 
 DETAIL = 1e-3
@@ -48,8 +49,6 @@ LARGEST_STEP = 5.0
 FEWEST_POSITIONS = 500
 """Intervals in which a profile is given at least: the line of least squares through its points, of which those at the
 ends count whole, then is that of the curve to a thousandth (of 100 intervals, to half a percent)."""
-
-DEGREE = 3
 
 
 @dataclass(frozen=True)
@@ -67,31 +66,26 @@ class SplicedProfile:
         mirror: its form as several placements show it; None where they do not.
     """
 
-    positions: NDArray[np.float64]
-    nodes: NDArray[np.float64]
-    profile: NDArray[np.float64]
-    covariance: NDArray[np.float64]
-    slopes: NDArray[np.float64]
-    offsets: NDArray[np.float64]
+    positions: Array
+    nodes: Array
+    profile: Array
+    covariance: Array
+    slopes: Array
+    offsets: Array
     overlaps: tuple[Overlap, ...]
     warnings: tuple[str, ...]
     mirror: MirrorForm | None = None
-
-    @property
-    def standard_uncertainty(self) -> NDArray[np.float64]:
-        """(n,) standard uncertainty along the axis, relative to the first segment, m; it grows with every joint."""
-        return cast("NDArray[np.float64]", np.sqrt(np.diag(self.covariance)))
 
     def straightness(self, method: LineMethod = "least_squares") -> Straightness:
         """Straightness of the whole axis."""
         return estimate_straightness(self.positions, self.profile, method)
 
-    def deviation_covariance(self) -> NDArray[np.float64]:
+    def deviation_covariance(self) -> Array:
         """(n, n) covariance of the deviations from the least squares line, m²: slope and height of all drop out."""
         x = self.positions - self.positions.mean()
         basis = np.column_stack([np.full_like(x, x.size**-0.5), x / np.linalg.norm(x)])
         left = self.covariance - basis @ (basis.T @ self.covariance)
-        return cast("NDArray[np.float64]", left - (left @ basis) @ basis.T)
+        return cast("Array", left - (left @ basis) @ basis.T)
 
 
 def splice_segments(
@@ -138,13 +132,13 @@ def splice_segments(
 
 @dataclass(frozen=True)
 class _Solution:
-    positions: NDArray[np.float64]
-    profile: NDArray[np.float64]
-    covariance: NDArray[np.float64]
-    slopes: NDArray[np.float64]
-    offsets: NDArray[np.float64]
-    form: NDArray[np.float64]
-    form_covariance: NDArray[np.float64]
+    positions: Array
+    profile: Array
+    covariance: Array
+    slopes: Array
+    offsets: Array
+    form: Array
+    form_covariance: Array
     spline: BSpline
 
 
@@ -163,7 +157,7 @@ def _check_meeting(parts: Sequence[PlacedSegment], ordered: Sequence[int]) -> No
         end = max(end, float(part.positions[-1]))
 
 
-def _knots(parts: Sequence[PlacedSegment], spacing: float | None) -> NDArray[np.float64]:
+def _knots(parts: Sequence[PlacedSegment], spacing: float | None) -> Array:
     first = min(float(part.positions[0]) for part in parts)
     last = max(float(part.positions[-1]) for part in parts)
     samples = np.concatenate([part.positions for part in parts])
@@ -174,13 +168,9 @@ def _knots(parts: Sequence[PlacedSegment], spacing: float | None) -> NDArray[np.
         if 1 < longest / spacing <= LARGEST_STEP / 2:  # so few nodes that each two have a sample between them
             spacing = (last - first) / max(1, math.floor((last - first) / longest))
     breaks = np.linspace(first, last, max(2, round((last - first) / spacing) + 1))
-    count, _ = np.histogram(samples, breaks)
-    if np.any(count == 0):
-        at = int(np.argmin(count))
-        raise InputError(
-            f"no sample from {breaks[at]:g} m to {breaks[at + 1]:g} m; measure without the gap or widen the spacing"
-        )
-    return np.concatenate([np.full(DEGREE, first), breaks, np.full(DEGREE, last)])
+    if empty := gap_between(breaks, samples):
+        raise InputError(f"no sample {empty}; measure without the gap or widen the spacing")
+    return knots_of(breaks)
 
 
 def _shows_detail(parts: Sequence[PlacedSegment], solution: _Solution) -> bool:
@@ -191,13 +181,12 @@ def _shows_detail(parts: Sequence[PlacedSegment], solution: _Solution) -> bool:
     return readings > unknowns and float(chi2.sf(square, readings - unknowns)) < DETAIL
 
 
-def _fine_knots(parts: Sequence[PlacedSegment]) -> NDArray[np.float64]:
+def _fine_knots(parts: Sequence[PlacedSegment]) -> Array:
     """A node for each reading of the placement that has fewest."""
     first = min(float(part.positions[0]) for part in parts)
     last = max(float(part.positions[-1]) for part in parts)
     spacing = max(max(float(np.median(np.diff(part.positions))) for part in parts), (last - first) / 1000)
-    breaks = np.linspace(first, last, max(2, round((last - first) / spacing) + 1))
-    return np.concatenate([np.full(DEGREE, first), breaks, np.full(DEGREE, last)])
+    return knots_of(np.linspace(first, last, max(2, round((last - first) / spacing) + 1)))
 
 
 def _roughness(parts: Sequence[PlacedSegment]) -> float:
@@ -206,9 +195,7 @@ def _roughness(parts: Sequence[PlacedSegment]) -> float:
     return float(np.sqrt(np.mean(third**2))) if third.size else 0.0
 
 
-def _solve(
-    parts: Sequence[PlacedSegment], mirror: Mirror | None, knots: NDArray[np.float64], roughness: float = 0.0
-) -> _Solution:
+def _solve(parts: Sequence[PlacedSegment], mirror: Mirror | None, knots: Array, roughness: float = 0.0) -> _Solution:
     """Spline, placements and mirror form: the spline's banded block is eliminated, the small rest is solved dense.
 
     Where the spline has a node for each reading, its third differences are taken to be about `roughness`, m, which
@@ -227,12 +214,8 @@ def _solve(
     if form is not None:
         prior[count:] = (MIRROR_RANGE / form.range) ** 2
 
-    normal = csr_array(design.T @ design)
-    if roughness > 0:
-        third = csr_array(np.diff(np.eye(design.shape[1]), DEGREE, axis=0)) / roughness
-        normal = csr_array(normal + third.T @ third)
     try:
-        factor = cholesky_banded(_upper_band(normal))
+        factor = _factor(design, roughness)
     except np.linalg.LinAlgError as error:
         raise InputError(
             f"the readings do not determine the curve between {samples.min():g} and {samples.max():g} m: a part of it "
@@ -262,7 +245,20 @@ def _solve(
     )
 
 
-def _placement_columns(parts: Sequence[PlacedSegment], middle: float, orders: int) -> NDArray[np.float64]:
+def _factor(design: csr_array, roughness: float) -> Array:
+    """Banded factor by Cholesky of the spline's normal matrix.
+
+    Raises:
+        LinAlgError: the matrix is singular.
+    """
+    normal = csr_array(design.T @ design)
+    if roughness > 0:
+        third = csr_array(np.diff(np.eye(design.shape[1]), DEGREE, axis=0)) / roughness
+        normal = csr_array(normal + third.T @ third)
+    return np.asarray(cholesky_banded(upper_band(normal)), np.float64)
+
+
+def _placement_columns(parts: Sequence[PlacedSegment], middle: float, orders: int) -> Array:
     rows = []
     for number, part in enumerate(parts):
         block = np.zeros((part.positions.size, 2 * (len(parts) - 1)))
@@ -273,15 +269,8 @@ def _placement_columns(parts: Sequence[PlacedSegment], middle: float, orders: in
     return np.concatenate(rows)
 
 
-def _upper_band(matrix: csr_array) -> NDArray[np.float64]:
-    band = np.zeros((DEGREE + 1, matrix.shape[0]))
-    for above in range(DEGREE + 1):
-        band[DEGREE - above, above:] = matrix.diagonal(above)
-    return band
-
-
-def _residual(part: PlacedSegment, number: int, solution: _Solution) -> NDArray[np.float64]:
+def _residual(part: PlacedSegment, number: int, solution: _Solution) -> Array:
     """Readings minus all that the solution knows: profile, placement and mirror form."""
     placed = solution.slopes[number] * part.positions + solution.offsets[number]
     form = form_columns(part, len(solution.form)) @ solution.form
-    return cast("NDArray[np.float64]", part.heights - solution.spline(part.positions) - placed - form)
+    return cast("Array", part.heights - solution.spline(part.positions) - placed - form)

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linprog
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.errors import InputError
 
 LineMethod = Literal["least_squares", "end_point", "minimum_zone"]
@@ -22,7 +22,7 @@ class ReferenceLine:
     offset: float
     slope: float
 
-    def heights(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
+    def heights(self, positions: Array) -> Array:
         """(n,) heights of the line at `positions` (n,) m."""
         return self.offset + self.slope * (positions - self.origin)
 
@@ -38,13 +38,11 @@ class Straightness:
     """
 
     line: ReferenceLine
-    deviations: NDArray[np.float64]
+    deviations: Array
     error: float
 
 
-def fit_line(
-    positions: NDArray[np.float64], profile: NDArray[np.float64], method: LineMethod = "least_squares"
-) -> ReferenceLine:
+def fit_line(positions: Array, profile: Array, method: LineMethod = "least_squares") -> ReferenceLine:
     """Reference line of a profile (n,) m over positions (n,) m, in any order and spacing (ISO 230-1:2012, clause 3.4).
 
     `least_squares` and `end_point` as named; `minimum_zone` is the middle of the two parallel lines of least distance
@@ -67,16 +65,14 @@ def fit_line(
     return ReferenceLine(origin, offset, slope)
 
 
-def estimate_straightness(
-    positions: NDArray[np.float64], profile: NDArray[np.float64], method: LineMethod = "least_squares"
-) -> Straightness:
+def estimate_straightness(positions: Array, profile: Array, method: LineMethod = "least_squares") -> Straightness:
     """Deviations of a profile from its reference line, and their range; arguments and errors as `fit_line`."""
     line = fit_line(positions, profile, method)
     deviations = profile - line.heights(positions)
     return Straightness(line, deviations, float(np.ptp(deviations)))
 
 
-def _chebyshev_line(x: NDArray[np.float64], profile: NDArray[np.float64]) -> tuple[float, float]:
+def _chebyshev_line(x: Array, profile: Array) -> tuple[float, float]:
     """Offset and slope of least largest distance: a linear program, scaled to numbers about one."""
     reach = float(np.abs(x).max())
     middle, height = float(profile.mean()), float(np.ptp(profile))
@@ -97,7 +93,7 @@ def _chebyshev_line(x: NDArray[np.float64], profile: NDArray[np.float64]) -> tup
     return middle + height * float(offset), height / reach * float(slope)
 
 
-def check_profile(positions: NDArray[np.float64], profile: NDArray[np.float64]) -> None:
+def check_profile(positions: Array, profile: Array) -> None:
     """Hold that a profile can be evaluated.
 
     Raises:

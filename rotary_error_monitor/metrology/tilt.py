@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array, Mask
 from rotary_error_monitor.description.response import IDEAL, Response
 from rotary_error_monitor.description.stage import Autocollimator
 from rotary_error_monitor.errors import InputError
 
 
-def tilt_from_quadrants(
-    voltages: NDArray[np.float64], sensitivity: float, dark: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def tilt_from_quadrants(voltages: Array, sensitivity: float, dark: Array) -> Array:
     """Tilt of the mirror as a rotation vector (n, 2), rad, from a quadrant photodetector (Lou et al. 2019, Figure 4).
 
     The reflected beam moves by twice the tilt: a tilt about y shifts the spot along +x, a tilt about x shifts it along
@@ -36,9 +34,7 @@ def tilt_from_quadrants(
     return np.stack([-sensitivity * y, sensitivity * x], axis=1)
 
 
-def check_saturation(
-    tilt: NDArray[np.float64], instrument: Autocollimator, response: Response = IDEAL
-) -> NDArray[np.bool_]:
+def check_saturation(tilt: Array, instrument: Autocollimator, response: Response = IDEAL) -> Mask:
     """(n,) whether a corrected sample (n, 2) stands at the end of the measuring range, where it says nothing."""
     # The range is of what the detector reads: zero shifts it and roll turns it against the tilts that are corrected.
     if not response.changes_no_value:

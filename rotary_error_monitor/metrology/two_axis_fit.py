@@ -8,9 +8,9 @@ where s is 1 or -1 by the side from which the reference came. `Response` has M a
 cross-coupling (polar decomposition), and q_i as cubic_i / gain^2.
 
 One principle decides what the steps tell beside zero and M: each further term has a prior of mean 0 and of the size
-that it may plausibly have (`Sizes`). Where the steps tell more, the prior counts for nothing; where they do not, the
-term stays near 0 and is as uncertain as the prior. So nothing is chosen by what it shows, after which bounds would hold
-the truth too seldom. A term is told where its standard uncertainty is less than half of its prior's.
+that it may plausibly have (`BEND`, `DRIFT`, `LOST`). Where the steps tell more, the prior counts for nothing; where
+they do not, the term stays near 0 and is as uncertain as the prior. So nothing is chosen by what it shows, after which
+bounds would hold the truth too seldom. A term is told where its standard uncertainty is less than half of its prior's.
 """
 
 from __future__ import annotations
@@ -50,19 +50,15 @@ takes five times as many goes to and fro."""
 _Z, _M, _Q, _RATE, _LOST = slice(0, 2), slice(2, 6), slice(6, 8), slice(8, 10), slice(10, 12)
 
 
-@dataclass(frozen=True)
-class Sizes:
-    """Sizes that terms may plausibly have: standard deviations of their priors.
+BEND = 0.05
+"""Part by which a reading plausibly bends at the end of the steps, as a standard deviation of a prior: a spot over half
+of a quadrant detector bends so."""
 
-    Attributes:
-        bend: part by which a reading bends at the end of the steps; a spot over half of a quadrant detector bends so.
-        drift: of the zero, over the gain, rad/s; some arcsec an hour, as of an instrument that has warmed up.
-        lost: half of the reference's lost motion, rad.
-    """
+DRIFT = 5e-9
+"""The same of the drift of the zero, over the gain, rad/s: some arcsec an hour, as of a warm instrument."""
 
-    bend: float = 0.05
-    drift: float = 5e-9
-    lost: float = 5e-6
+LOST = 5e-6
+"""The same of half of the reference's lost motion, rad."""
 
 
 @dataclass(frozen=True)
@@ -185,19 +181,13 @@ def response_of(values: Array) -> Response:
     )
 
 
-def fit_steps(
-    steps: StepReadings,
-    used: NDArray[np.bool_],
-    variances: Array,
-    reference: Reference,
-    sizes: Sizes | None = None,
-) -> Fit:
+def fit_steps(steps: StepReadings, used: NDArray[np.bool_], variances: Array, reference: Reference) -> Fit:
     """Fit the steps that are `used` (k,), whose means have variances (k, 2) by themselves.
 
     Raises:
         InputError: the steps do not determine zero and M, tell axes of the wrong hand, or the readings do not follow.
     """
-    problem = _Problem(steps, used, variances, reference, sizes or Sizes())
+    problem = _Problem(steps, used, variances, reference)
     try:
         values, covariance, weights, jacobian = _settle(problem)
     except np.linalg.LinAlgError:
@@ -242,9 +232,7 @@ def _settle(problem: _Problem) -> tuple[Array, Array, Array, Array]:
 class _Problem:
     """Readings, their weights and priors, for one fit."""
 
-    def __init__(
-        self, steps: StepReadings, used: NDArray[np.bool_], variances: Array, reference: Reference, sizes: Sizes
-    ) -> None:
+    def __init__(self, steps: StepReadings, used: NDArray[np.bool_], variances: Array, reference: Reference) -> None:
         self.means, self.reference, self.used = steps.means, steps.reference, used
         self.largest = float(np.ptp(self.means[used], axis=0).max()) / 2
         gain = float(np.linalg.norm(self.start()[_M]))
@@ -255,18 +243,18 @@ class _Problem:
         both = [(steps.directions[used, axis] == sign).any() for axis in range(2) for sign in (1, -1)]
         self.ways = steps.directions * [both[0] and both[1], both[2] and both[3]]
         self.mean, self.prior = np.zeros(12), np.full(12, np.inf)
-        self._set_priors(steps, sizes, time is not None)
+        self._set_priors(steps, time is not None)
         self.precision = np.diag(np.where(self.prior > 0, self.prior, np.inf) ** -2.0)
         self.looked_for = self.prior > 0
 
-    def _set_priors(self, steps: StepReadings, sizes: Sizes, timed: bool) -> None:
+    def _set_priors(self, steps: StepReadings, timed: bool) -> None:
         start = self.start()
-        self.prior[_Q] = sizes.bend / np.square(np.abs(self.means[self.used] - start[_Z]).max(axis=0))
-        self.prior[_LOST] = sizes.lost * self.ways.any(axis=0)
+        self.prior[_Q] = BEND / np.square(np.abs(self.means[self.used] - start[_Z]).max(axis=0))
+        self.prior[_LOST] = LOST * self.ways.any(axis=0)
         self.prior[_RATE] = 0.0
         if not timed:
             return
-        self.prior[_RATE] = sizes.drift * np.sqrt(abs(np.linalg.det(start[_M].reshape(2, 2))))
+        self.prior[_RATE] = DRIFT * np.sqrt(abs(np.linalg.det(start[_M].reshape(2, 2))))
         standing = steps.slopes()
         if standing is not None:
             # what the readings do while the reference stands is one more measurement of the drift

@@ -100,12 +100,11 @@ def record(cell: MockCell, stage: StageDescription) -> Recording:
         RuntimeError: a process ended before its time; the message holds what it wrote.
         TimeoutError: the cell does not come to correct; the message says how its nodes fare.
     """
-    epoch_ns = time.time_ns()
-    recording = Recording(cell.folder / "bag", epoch_ns)
+    recording = Recording(cell.folder / "bag", time.time_ns())
     shared: dict[str, object] = {"stage": str(cell.stage)} if cell.stage else {}
     mock: dict[str, Any] = {
         "mock.seed": cell.seed,
-        "mock.epoch": epoch_ns,
+        "mock.epoch": recording.epoch_ns,
         "mock.speeds": SPEEDS,
         "mock.force_cycle": FORCE_CYCLE,
         "block_period": BLOCK_PERIOD,
@@ -135,15 +134,7 @@ def record(cell: MockCell, stage: StageDescription) -> Recording:
         lvdt = running.start("lvdt", autostart=False, **sensed)
         _activate_once_all_is_recorded(running, [process.name for process in reckoning])
         running.wait_until(lambda: _corrects(running), "the cell to correct", STARTING)
-        for height in HEIGHTS:
-            if not running.set_parameter("lvdt", "mock.height", height):
-                raise RuntimeError(f"lvdt refused mock.height {height} m; its log says why")
-            _take_through(running, "lvdt", Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE)
-            progress.set_description(f"LVDT at {height * 1e3:.0f} mm")
-            begin_ns = time.time_ns()
-            _let_run(running, cell.duration / len(HEIGHTS), progress)
-            recording.heights.append((height, begin_ns, time.time_ns()))
-            _take_through(running, "lvdt", Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP)
+        recording.heights += [_at_height(running, height, cell.duration / len(HEIGHTS), progress) for height in HEIGHTS]
         # against the stream: whatever a process says to its end is heard by the next, and by the recorder
         for processes in ([*reckoning, lvdt], instruments, [recorder], watching):
             _end_together(processes, recording)
@@ -183,12 +174,25 @@ def _corrects(running: Cell) -> bool:
     return not running.status("compensation: correction").message.startswith("held")
 
 
-def _let_run(running: Cell, duration: float, progress: tqdm[Never]) -> None:
-    begin = last = time.monotonic()
+def _at_height(running: Cell, height: float, duration: float, progress: tqdm[Never]) -> tuple[float, int, int]:
+    """Let the LVDT stand at a height (m) for a time (s); give the height, from and until when (ns) it stood there.
+
+    Raises:
+        RuntimeError: the node refuses the height.
+    """
+    if not running.set_parameter("lvdt", "mock.height", height):
+        raise RuntimeError(f"lvdt refused mock.height {height} m; its log says why")
+    _take_through(running, "lvdt", Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE)
+    progress.set_description(f"LVDT at {height * 1e3:.0f} mm")
+    begin_ns, begin = time.time_ns(), time.monotonic()
+    last = begin
     while (now := time.monotonic()) - begin < duration:
         progress.update(now - last)
         last = now
         running.spin_for(_TICK)
+    end_ns = time.time_ns()
+    _take_through(running, "lvdt", Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP)
+    return height, begin_ns, end_ns
 
 
 def _end_together(processes: Sequence[NodeProcess], recording: Recording) -> None:

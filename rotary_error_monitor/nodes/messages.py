@@ -21,16 +21,16 @@ from geometry_msgs.msg import (
     Vector3Stamped,
     WrenchStamped,
 )
-from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import JointState, PointCloud2, Temperature
+from sensor_msgs.msg import JointState, Temperature
 from std_msgs.msg import Header
 
+from rotary_error_monitor.arrays import Array, Mask
 from rotary_error_monitor.codec.cdr_blocks import encode_block
 from rotary_error_monitor.description.wire import Topic
 from rotary_error_monitor.errors import InputError, excerpt
 from rotary_error_monitor.pipeline.joints import joint_motion_of
-from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock, block_from_bytes
+from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 
 Message: TypeAlias = Any
 """Any ROS message; their classes carry no types."""
@@ -99,26 +99,6 @@ def block_bytes(block: SampleBlock, frame: str) -> bytes:
     """
     _check_finite(block)
     return encode_block(block, frame)
-
-
-def block_from_message(message: PointCloud2) -> SampleBlock:
-    """Sample block from a point cloud; its rows share the message's memory.
-
-    Raises:
-        InputError: the layout is not that of a sample block.
-    """
-    if message.height != 1 or message.width < 1 or message.is_bigendian:
-        raise InputError(
-            f"no sample block: height {message.height}, width {message.width}, big-endian {message.is_bigendian}; "
-            "expected height 1, width at least 1, little-endian"
-        )
-    return block_from_bytes(
-        ns_from_stamp(message.header.stamp),
-        [(field.name, field.offset, field.datatype, field.count) for field in message.fields],
-        memoryview(message.data),
-        message.width,
-        message.point_step,
-    )
 
 
 def _check_finite(block: SampleBlock) -> None:
@@ -223,11 +203,7 @@ def temperature_message(stamp_ns: int, frame: str, temperature: float) -> Temper
 
 
 def pose_message(
-    stamp_ns: int,
-    frame: str,
-    offset: NDArray[np.float64],
-    covariance: NDArray[np.float64],
-    observable: NDArray[np.bool_] | None = None,
+    stamp_ns: int, frame: str, offset: Array, covariance: Array, observable: Mask | None = None
 ) -> PoseWithCovarianceStamped:
     """Six-component offset (x y z in m, rotation vector in rad) with its covariance (6, 6).
 
@@ -252,7 +228,7 @@ def pose_message(
     return message
 
 
-def figures_message(stamp_ns: int, frame: str, components: NDArray[np.float64]) -> TwistStamped:
+def figures_message(stamp_ns: int, frame: str, components: Array) -> TwistStamped:
     """Six components (m, then rad) in µm and µrad, as people read them; NaN leaves a gap in a plot."""
     message = TwistStamped(header=header(stamp_ns, frame))
     vectors = (message.twist.linear, message.twist.angular)
@@ -261,7 +237,7 @@ def figures_message(stamp_ns: int, frame: str, components: NDArray[np.float64]) 
     return message
 
 
-def quaternion(rotation: NDArray[np.float64]) -> Quaternion:
+def quaternion(rotation: Array) -> Quaternion:
     """Unit quaternion of a rotation vector (3,), rad."""
     angle = math.sqrt(float(rotation @ rotation))
     # sin(angle/2)/angle loses all digits at zero, where its series 1/2 - angle²/48 is exact to rounding.
@@ -270,7 +246,7 @@ def quaternion(rotation: NDArray[np.float64]) -> Quaternion:
     return Quaternion(x=x, y=y, z=z, w=math.cos(angle / 2))
 
 
-def rotation_vector(orientation: Quaternion) -> NDArray[np.float64]:
+def rotation_vector(orientation: Quaternion) -> Array:
     """Rotation vector (3,) in rad of a unit quaternion, at most half a turn long."""
     sign = math.copysign(1.0, orientation.w)
     vector = sign * np.array([orientation.x, orientation.y, orientation.z])

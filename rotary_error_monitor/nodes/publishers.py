@@ -57,11 +57,6 @@ class SoleSource:
         pause = max((after - before for before, after in pairwise(self._times)), default=0.0)
         return now - self._seen <= max(MEMORY, _PAUSES * pause)
 
-    def forget(self) -> None:
-        """Begin anew."""
-        self._last = self._before = self._seen = None
-        self._times.clear()
-
 
 _UNKNOWN = "_UNKNOWN_"
 

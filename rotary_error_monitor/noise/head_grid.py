@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.arrays import Array, Mask
 from rotary_error_monitor.twin.recording import StageRecording
 
 
@@ -26,13 +26,11 @@ class HeadGrid:
 
     heads: tuple[str, ...]
     rows: Mapping[str, slice | NDArray[np.int32]]
-    present: NDArray[np.bool_]
+    present: Mask
     time: Array
     period: float
 
-    def lay_out(
-        self, table: Array, signals: Mapping[str, Array], kept: Mapping[str, NDArray[np.bool_]], columns: slice
-    ) -> None:
+    def lay_out(self, table: Array, signals: Mapping[str, Array], kept: Mapping[str, Mask], columns: slice) -> None:
         """Put some columns of signals into a table (heads, p, m), the heads one after the other.
 
         Args:
@@ -56,7 +54,7 @@ class HeadGrid:
             if not kept[name].all():
                 head[:, self.rows_of(name, ~kept[name])] = 0.0
 
-    def rows_of(self, head: str, samples: NDArray[np.bool_]) -> NDArray[np.intp]:
+    def rows_of(self, head: str, samples: Mask) -> NDArray[np.intp]:
         """Rows (k,) of some samples (n,) of a head."""
         rows = self.rows[head]
         if isinstance(rows, slice):
@@ -94,7 +92,7 @@ def align_heads(recording: StageRecording) -> HeadGrid:
     return HeadGrid(tuple(streams), rows, present, time, period)
 
 
-def rate_of(mean: Array, known: NDArray[np.bool_], period: float) -> Array:
+def rate_of(mean: Array, known: Mask, period: float) -> Array:
     """(p, m) rate of change of columns (p, m), 0 beside samples that are not known."""
     rate = np.zeros_like(mean)
     inner = known[2:] & known[:-2]
@@ -132,7 +130,7 @@ class HeadRows:
     late: Array
 
     @classmethod
-    def of(cls, grid: HeadGrid, present: NDArray[np.bool_], weight: Array, times: Mapping[str, Array]) -> HeadRows:
+    def of(cls, grid: HeadGrid, present: Mask, weight: Array, times: Mapping[str, Array]) -> HeadRows:
         """From a grid.
 
         Args:

@@ -71,12 +71,12 @@ class StageNoise:
         stage: states the noise of each sensor.
         recording: its sample times, gaps and spikes.
         residual: measured minus predicted (n, k) of each stream, from which spikes are told.
-        jitter: spectrum of the rotor's jitter.
         weights: (n, fields) of the samples of sensors whose rounding errors repeat.
 
     Attributes:
         std: standard deviation of one sample of each instrument, rounding included: see `noise_std`.
         levels: how many times what the stage states that is.
+        lines: (k,) frequencies, Hz, of the jitter's own lines.
         uncommanded: (m,) instants of the heads at which the command is not known to the noise of their mean.
     """
 
@@ -85,14 +85,13 @@ class StageNoise:
         stage: StageDescription,
         recording: StageRecording,
         residual: Mapping[str, Array],
-        jitter: Jitter | None = None,
         weights: Mapping[str, Array] | None = None,
     ) -> None:
-        self.jitter = jitter or Jitter()
+        self.jitter = Jitter()
         self.grid = align_heads(recording)
         self.std = noise_std(stage)
         self.levels = dict.fromkeys(self.std, 1.0)
-        self._lines, self._weights = np.zeros(0), weights or {}
+        self.lines, self._weights = np.zeros(0), weights or {}
         self._slow: dict[str, Array] = {}
         self._sensors = [name for name in residual if not name.startswith("head_")]
         self._streams = {name: recording.streams[name] for name in residual}
@@ -121,13 +120,13 @@ class StageNoise:
             self.std[instrument] *= level / self.levels[instrument]
             self.levels[instrument] = level
         self._whiteners = self._turbulence_filters()
-        self.with_jitter(self.jitter, self._lines)
+        self.with_jitter(self.jitter, self.lines)
 
     def with_jitter(self, jitter: Jitter, lines: Array | None = None) -> None:
         """Take another spectrum of the jitter, and frequencies (k,) in Hz at which it holds lines of its own."""
         self.jitter = jitter
         self._command_whitener = self._command_filter()
-        self._lines = np.zeros(0) if lines is None else lines
+        self.lines = np.zeros(0) if lines is None else lines
         self.forget()
 
     def with_slow_noise(self, instrument: str, courses: Array | None) -> None:
@@ -165,11 +164,6 @@ class StageNoise:
         """Have times (m,) of the heads' rows, the same as before, in memory that others use as well."""
         self.grid = replace(self.grid, time=time)
 
-    @property
-    def lines(self) -> Array:
-        """(k,) frequencies, Hz, of the jitter's own lines."""
-        return self._lines
-
     def forget(self) -> None:
         """Give back the memory of what can be computed again."""
         self._kept_line_basis = None
@@ -183,8 +177,8 @@ class StageNoise:
 
         Beside each wave stands the wave times time, which takes up a frequency that is a little off.
         """
-        if self._kept_line_basis is None and len(self._lines):
-            self._kept_line_basis = self._whitened_lines(self._lines)
+        if self._kept_line_basis is None and len(self.lines):
+            self._kept_line_basis = self._whitened_lines(self.lines)
         return self._kept_line_basis
 
     def _whitened_lines(self, lines: Array) -> Array:

@@ -13,9 +13,12 @@ from rotary_error_monitor.arrays import Array
 AT_ONCE = 2**15
 """Numbers of a column or of several that are worked on together: these fit into a processor's cache."""
 
+_TAPS = 256
+"""Length of a filter."""
 
-def whitening_taps(density: Callable[[Array], Array], period: float, taps: int = 256) -> Array:
-    """Causal minimum-phase filter (taps,) whose output is white with variance 1 for noise of that spectrum.
+
+def whitening_taps(density: Callable[[Array], Array], period: float) -> Array:
+    """Causal minimum-phase filter (256,) whose output is white with variance 1 for noise of that spectrum.
 
     The cepstrum of `1 / sqrt(density)` folded to positive times gives the minimum-phase filter (Oppenheim and Schafer,
     Discrete-Time Signal Processing, homomorphic spectral factorisation). It is the one-step predictor of the noise, so
@@ -24,15 +27,14 @@ def whitening_taps(density: Callable[[Array], Array], period: float, taps: int =
     Args:
         density: one-sided power density of the sampled noise at frequencies in Hz, positive, unit^2/Hz.
         period: time between samples, s.
-        taps: length of the filter.
     """
-    length = 16 * taps
+    length = 16 * _TAPS
     frequency = np.fft.rfftfreq(length, period)
     variance_per_sample = density(np.asarray(frequency, np.float64)) / (2 * period)
     cepstrum = np.fft.irfft(-0.5 * np.log(variance_per_sample), length)
     cepstrum[1 : length // 2] *= 2
     cepstrum[length // 2 + 1 :] = 0
-    return np.asarray(np.fft.irfft(np.exp(np.fft.rfft(cepstrum)), length)[:taps], np.float64)
+    return np.asarray(np.fft.irfft(np.exp(np.fft.rfft(cepstrum)), length)[:_TAPS], np.float64)
 
 
 @dataclass(frozen=True)

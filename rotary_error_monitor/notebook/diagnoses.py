@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -176,4 +176,4 @@ def diagnose(
     _, problem, result = files.diagnose(progress)
     picture = sealed(picture_of(problem, result))
     # what was tried on the way holds the whole problem in memory
-    return Diagnosis(files, replace(result, selection=None), picture)
+    return Diagnosis(files, result, picture)

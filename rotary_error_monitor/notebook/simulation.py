@@ -11,7 +11,7 @@ import numpy as np
 from rotary_error_monitor.bags.metadata import SIMULATED
 from rotary_error_monitor.bags.writer import write_messages
 from rotary_error_monitor.description.stage import StageDescription, load_stage
-from rotary_error_monitor.description.wire import wire_of
+from rotary_error_monitor.description.wire import Wire, wire_of
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant.stage import StagePlant
 from rotary_error_monitor.signals.blocks import NANOSECONDS
@@ -60,11 +60,15 @@ def simulate_bag(
     described = stage if isinstance(stage, StageDescription) else load_stage(stage)
     plant = mock_stage(described, MockSettings(seed, EPOCH_NS, tuple(speeds), forces))
     end_ns = EPOCH_NS + round(seconds * NANOSECONDS)
-    edges = [*range(EPOCH_NS, end_ns, _BLOCK_NS), end_ns]
-    wire, contents = wire_of(described), {}
+    write_plant(folder, plant, [*range(EPOCH_NS, end_ns, _BLOCK_NS), end_ns], wire_of(described))
+    return plant
+
+
+def write_plant(folder: Path | str, plant: StagePlant, edges_ns: Sequence[int], wire: Wire) -> None:
+    """Write a bag of all streams of a true stage, a message each from one of the timestamps (ns) to the next."""
+    contents = {}
     for stream in plant.streams:
-        places = [plant.index_at(stream, edge) for edge in edges]
+        places = [plant.index_at(stream, edge) for edge in edges_ns]
         blocks = [plant.samples(stream, first, last - first) for first, last in pairwise(places) if last > first]
         contents[wire.of_stream(stream).name] = blocks
     write_messages(folder, contents, wire, {SIMULATED: ", ".join(contents)})
-    return plant

@@ -6,9 +6,9 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
-import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Times
 from rotary_error_monitor.errors import InputError, MissingPackageError, excerpt
 
 if TYPE_CHECKING:
@@ -53,9 +53,7 @@ def scaled(units: Units, unit_of: Sequence[str], columns: Mapping[str, Sequence[
     return {**found, "unit": [names.get(unit, unit) for unit in unit_of]}
 
 
-def table_over_time(
-    stamp_ns: NDArray[np.int64], columns: Mapping[str, NDArray[Any]], units: Mapping[str, str]
-) -> DataFrame:
+def table_over_time(stamp_ns: Times, columns: Mapping[str, NDArray[Any]], units: Mapping[str, str]) -> DataFrame:
     """Table with a row for each time: index `time` (UTC), units of its columns in `attrs["units"]`.
 
     Args:

@@ -165,18 +165,6 @@ class Compensator:
         self._own_ticks.clear()
         self._last_tick, self._first_ns = -1, None
 
-    def push_error_motion(self, motion: ErrorMotion) -> CompensationOutput:
-        """Take in error motion and give what can be computed now; see `accept_error_motion`."""
-        self.accept_error_motion(motion)
-        return self.advance()
-
-    def push_joint_state(
-        self, stamp_ns: int, positions: Mapping[str, float], velocities: Mapping[str, float]
-    ) -> CompensationOutput:
-        """Take in one joint state and give what can be computed now; see `accept_joint_state`."""
-        self.accept_joint_state(stamp_ns, positions, velocities)
-        return self.advance()
-
     def accept_error_motion(self, motion: ErrorMotion) -> None:
         """Take in error motion at one time at least, and wait for `advance`.
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array, Complex
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant.noise import Noise
 
@@ -51,7 +51,7 @@ class Forces:
             if push.start + push.duration > self.cycle:
                 raise InputError(f"{push} ends after the cycle of {self.cycle} s")
 
-    def at(self, time: NDArray[np.float64]) -> NDArray[np.complex128]:
+    def at(self, time: Array) -> Complex:
         """(n,) force at `time` (n,) s as `x + 1j * y`, N in the base."""
         force = np.zeros(len(time), dtype=np.complex128)
         within = np.mod(time, self.cycle)
@@ -74,7 +74,7 @@ class Temperature:
     swing: float = 0.0
     period: float = 3600.0
 
-    def at(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+    def at(self, time: Array) -> Array:
         """(n,) temperature at `time` (n,) s, °C; before time 0 it is that of time 0."""
         passed = np.maximum(time, 0)
         return np.asarray(
@@ -92,9 +92,7 @@ def place_temperature(whole: Temperature, seed: int, place: str) -> Temperature:
     return Temperature(start=whole.start, rise=rise, settling=settling)
 
 
-def lagged_warming(
-    temperature: Temperature, reference: float, time: NDArray[np.float64], lag: float
-) -> NDArray[np.float64]:
+def lagged_warming(temperature: Temperature, reference: float, time: Array, lag: float) -> Array:
     """(n,) K above the reference at `time` (n,) s of a part that follows the temperature within `lag` s.
 
     The part begins at time 0 with the temperature of then. The equation of first order is solved on a fixed grid, so
@@ -109,11 +107,12 @@ def lagged_warming(
     return np.asarray(np.interp(time, grid, follows), dtype=np.float64)
 
 
-def intermittent_forces(seed: int, cycle: float = FORCE_CYCLE, count: int = 5, peak: float = 180.0) -> Forces:
-    """Seeded pushes as by hand on the turning shaft (Lou et al. 2019, Figure 15): from any side, up to `peak` N."""
+def intermittent_forces(seed: int, cycle: float = FORCE_CYCLE) -> Forces:
+    """Seeded pushes as by hand on the turning shaft (Lou et al. 2019, Figure 15): from any side, up to 180 N."""
+    count = 5
     draw = Noise(seed, "forces").generator()
     starts = np.sort(draw.uniform(0.1, 0.85, count)) * cycle
     durations = draw.uniform(0.03, 0.13, count) * cycle
-    angles, sizes = draw.uniform(0, 2 * np.pi, count), draw.uniform(0.1, 1.0, count) * peak
+    angles, sizes = draw.uniform(0, 2 * np.pi, count), draw.uniform(0.1, 1.0, count) * 180.0
     rows = zip(starts, durations, sizes * np.cos(angles), sizes * np.sin(angles), strict=True)
     return Forces(tuple(Push(float(start), float(length), (float(x), float(y))) for start, length, x, y in rows), cycle)

@@ -10,9 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Plane = NDArray[np.complex128]
+from rotary_error_monitor.arrays import Array, Complex
+
+Plane = Complex
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,7 @@ class Turns:
         return powers[order]
 
 
-def as_columns(plane: Plane) -> NDArray[np.float64]:
+def as_columns(plane: Plane) -> Array:
     """Vectors (n, 2) of complex numbers (n,)."""
     return np.ascontiguousarray(plane).view(np.float64).reshape(-1, 2)
 
@@ -56,7 +57,7 @@ class Tilting:
         """Plane components (n,) of points of the plane z = 0 after the rotation."""
         return plane - 1j * (self._versine * (self._tilt.conj() * plane).imag) * self._tilt
 
-    def in_space(self, plane: Plane, z: NDArray[np.float64]) -> tuple[Plane, NDArray[np.float64]]:
+    def in_space(self, plane: Plane, z: Array) -> tuple[Plane, Array]:
         """Plane components (n,) and z (n,) of points in space after the rotation."""
         lift = (self._tilt.conj() * plane).imag
         turned = plane - 1j * (self._sine * z + self._versine * lift) * self._tilt
@@ -64,13 +65,7 @@ class Tilting:
 
 
 def cut_ring(
-    rotor: Plane,
-    azimuth: float,
-    radius: float,
-    eccentricity: Plane | complex,
-    radial: Plane,
-    axial: NDArray[np.float64],
-    tilt: Plane,
+    rotor: Plane, azimuth: float, radius: float, eccentricity: Plane | complex, radial: Plane, axial: Array, tilt: Plane
 ) -> Plane:
     """Where the sight line of a read head cuts the graduated ring.
 
@@ -98,7 +93,7 @@ def cut_ring(
     return (start + _way_out(start, sight, radius) * sight) * (towards.conjugate() / radius)
 
 
-def _way_out(start: Plane, sight: Plane, radius: float) -> NDArray[np.float64]:
+def _way_out(start: Plane, sight: Plane, radius: float) -> Array:
     """(n,) how many times `sight` it is from `start` to the farther of the two cuts with a circle about the origin."""
     square = sight.real**2 + sight.imag**2
     along = (sight.conj() * start).real
@@ -108,8 +103,8 @@ def _way_out(start: Plane, sight: Plane, radius: float) -> NDArray[np.float64]:
 
 
 def cut_artefact(
-    azimuth: float, height: float, radius: float, radial: Plane, axial: NDArray[np.float64], tilt: Plane
-) -> tuple[NDArray[np.float64], Plane]:
+    azimuth: float, height: float, radius: float, radial: Plane, axial: Array, tilt: Plane
+) -> tuple[Array, Plane]:
     """Where the line of a radial probe leaves a round artefact.
 
     The line starts on the nominal axis at `height` above the ring, towards `azimuth`, fixed in the base. The artefact
@@ -125,9 +120,7 @@ def cut_artefact(
     return distance, start + distance * sight
 
 
-def pierce_face(
-    place: complex, radial: Plane, axial: NDArray[np.float64], tilt: Plane
-) -> tuple[NDArray[np.float64], Plane]:
+def pierce_face(place: complex, radial: Plane, axial: Array, tilt: Plane) -> tuple[Array, Plane]:
     """Where a line along z pierces the face of the rotor, the plane at the height of the ring.
 
     Args:

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.machine import Axis, Displacement, ErrorComponent, MachineDescription
 from rotary_error_monitor.errors import InputError
 
@@ -25,9 +25,9 @@ class Poses:
         warming: (n,) temperature above the reference, K.
     """
 
-    positions: NDArray[np.float64]
-    directions: NDArray[np.float64]
-    warming: NDArray[np.float64]
+    positions: Array
+    directions: Array
+    warming: Array
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Placement:
     """n poses of a frame: `p -> rotation p + shift`, shift (n, 3) m."""
 
     rotation: Rotation
-    shift: NDArray[np.float64]
+    shift: Array
 
     def then(self, other: Placement) -> Placement:
         """The frame that stands at `other` in this frame."""
@@ -51,12 +51,8 @@ class MachineFault:
     """Something about the true machine that its description does not say; a subclass overrides what it changes."""
 
     def over_poses(
-        self,
-        plant: MachinePlant,
-        poses: Poses,
-        corrections: NDArray[np.float64] | None,
-        monitored: NDArray[np.float64] | None,
-    ) -> NDArray[np.float64] | None:
+        self, plant: MachinePlant, poses: Poses, corrections: Array | None, monitored: Array | None
+    ) -> Array | None:
         """(n, 6) offset of the tool, where the size of the fault changes from pose to pose; None where it does not.
 
         The fault is among those of the plant; nothing else of it is asked then.
@@ -67,7 +63,7 @@ class MachineFault:
         """Parameters of the machine."""
         return machine
 
-    def err(self, errors: NDArray[np.float64], axis: Axis, column: int, poses: Poses) -> NDArray[np.float64]:
+    def err(self, errors: Array, axis: Axis, column: int, poses: Poses) -> Array:
         """Error components (n, 6) of one axis, the `column`-th of the positions: shifts in m, rotations in rad."""
         return errors
 
@@ -84,12 +80,7 @@ class MachinePlant:
     description: MachineDescription
     faults: tuple[MachineFault, ...] = ()
 
-    def tool_offset(
-        self,
-        poses: Poses,
-        corrections: NDArray[np.float64] | None = None,
-        monitored: NDArray[np.float64] | None = None,
-    ) -> NDArray[np.float64]:
+    def tool_offset(self, poses: Poses, corrections: Array | None = None, monitored: Array | None = None) -> Array:
         """Tool as it is minus as it should be, in the workpiece frame.
 
         Args:
@@ -124,7 +115,7 @@ class MachinePlant:
         rotation = (actual.rotation * should.rotation.inv()).as_rotvec()
         return np.hstack([actual.shift - should.shift, rotation])
 
-    def tool_axis(self, poses: Poses) -> NDArray[np.float64]:
+    def tool_axis(self, poses: Poses) -> Array:
         """(n, 3) unit vector along which the tool should point, in the workpiece frame."""
         return np.asarray(self._chain(self.description, poses, None, None).rotation.apply([0.0, 0.0, 1.0]))
 
@@ -132,9 +123,9 @@ class MachinePlant:
         self,
         machine: MachineDescription,
         poses: Poses,
-        moved: NDArray[np.float64] | None,
-        errors: dict[str, NDArray[np.float64]] | None,
-        live: NDArray[np.float64] | None = None,
+        moved: Array | None,
+        errors: dict[str, Array] | None,
+        live: Array | None = None,
     ) -> Placement:
         """Tool in the workpiece frame; without `errors` as it should be.
 
@@ -159,7 +150,7 @@ class MachinePlant:
             placed[body.name] = placement
         return placed[machine.tool].seen_from(placed[machine.workpiece])
 
-    def _errors(self, machine: MachineDescription, poses: Poses) -> dict[str, NDArray[np.float64]]:
+    def _errors(self, machine: MachineDescription, poses: Poses) -> dict[str, Array]:
         """Error components (n, 6) of each axis by its letter."""
         errors = {}
         for column, axis in enumerate(machine.axes):
@@ -173,9 +164,7 @@ class MachinePlant:
             errors[axis.letter] = components
         return errors
 
-    def _check(
-        self, poses: Poses, corrections: NDArray[np.float64] | None, monitored: NDArray[np.float64] | None
-    ) -> None:
+    def _check(self, poses: Poses, corrections: Array | None, monitored: Array | None) -> None:
         count, axes = len(poses.positions), len(self.description.axes)
         shapes = {
             "positions": (poses.positions.shape, (count, axes)),
@@ -196,9 +185,9 @@ class MachinePlant:
 
 def make_poses(
     machine: MachineDescription,
-    positions: NDArray[np.float64],
-    directions: NDArray[np.float64] | None = None,
-    temperature: NDArray[np.float64] | float | None = None,
+    positions: Array,
+    directions: Array | None = None,
+    temperature: Array | float | None = None,
 ) -> Poses:
     """Poses from positions (n, axes), directions (n, axes; default +1) and temperature (default: the reference)."""
     count = len(positions)
@@ -215,7 +204,7 @@ def _fixed(displacement: Displacement, count: int) -> Placement:
     return Placement(rotation, np.tile(displacement.shift, (count, 1)))
 
 
-def _travelled(axis: Axis, q: NDArray[np.float64]) -> Placement:
+def _travelled(axis: Axis, q: Array) -> Placement:
     path = np.outer(q, axis.direction)
     still = np.zeros_like(path)
     if axis.kind == "rotary":
@@ -223,9 +212,7 @@ def _travelled(axis: Axis, q: NDArray[np.float64]) -> Placement:
     return Placement(Rotation.from_rotvec(still), path)
 
 
-def _component(
-    component: ErrorComponent, axis: Axis, q: NDArray[np.float64], direction: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _component(component: ErrorComponent, axis: Axis, q: Array, direction: Array) -> Array:
     """(n,) one error component at the positions `q` (n,), reached in `direction` (n,)."""
     low, high = axis.travel
     u = (2 * q - low - high) / (high - low)

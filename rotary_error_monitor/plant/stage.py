@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.listed_sensors import name_of
 from rotary_error_monitor.description.sensor_section import PLACE_TEMPERATURE, SHAFT_FORCE
 from rotary_error_monitor.description.stage import StageDescription
@@ -105,7 +105,7 @@ class StagePlant:
         values = self._instrument(stream, self.signal(stream, time), time, first)
         return block_from_samples(self.epoch_ns + times_ns, fields_of(stream, self.stage.listed), values)
 
-    def signal(self, stream: str, time: NDArray[np.float64]) -> NDArray[np.float64]:
+    def signal(self, stream: str, time: Array) -> Array:
         """(n, fields) what an instrument without noise, limits and resolution shows at `time` (n,) s after the epoch.
 
         Raises:
@@ -138,7 +138,7 @@ class StagePlant:
             return sensor.zeros[0] + self.place_temperatures[name_of(stream, sensor)].at(time)[:, None]
         return read_off(seen(stream, self.scene(time), self.faults), response)
 
-    def scene(self, time: NDArray[np.float64]) -> Scene:
+    def scene(self, time: Array) -> Scene:
         """The truth at `time` (n,) s after the epoch."""
         spindle = self.stage.spindle
         command, speed = self.motion.at(time)
@@ -170,7 +170,7 @@ class StagePlant:
             raise InputError(f"no stream '{stream}'; this stage has {', '.join(self.streams)}")
         return self.clocks[stream]
 
-    def _jitter(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _jitter(self, time: Array) -> Array:
         """Smooth motion about the command: sinusoids below 20 Hz with seeded frequencies and phases."""
         total = np.zeros(len(time))
         if self.jitter:
@@ -187,9 +187,7 @@ class StagePlant:
         frequencies = 2 * np.pi * (0.5 + 19 * (np.arange(count) + draw.uniform(size=count)) / count)
         return list(zip(frequencies.tolist(), draw.uniform(0, 2 * np.pi, count).tolist(), strict=True))
 
-    def _instrument(
-        self, stream: str, shown: NDArray[np.float64], time: NDArray[np.float64], first: int
-    ) -> NDArray[np.float64]:
+    def _instrument(self, stream: str, shown: Array, time: Array, first: int) -> Array:
         """What comes out of an instrument: to what it shows noise is added first, then limits, then resolution.
 
         All of these are of what is shown, so that an instrument with a gain has them larger by it.
@@ -213,7 +211,7 @@ class StagePlant:
         std = {"lvdt": lvdt.noise if lvdt else 0.0, "force": self.force_noise, "temperature": self.temperature_noise}
         return shown + scale * std[stream] * self._noise(stream, first, shown.shape) if stream in std else shown
 
-    def _noise(self, stream: str, first: int, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    def _noise(self, stream: str, first: int, shape: tuple[int, ...]) -> Array:
         count, fields = shape
         noise = self._noises[stream]
         normal = noise.normal(first * fields, count * fields).reshape(count, fields)
@@ -225,7 +223,7 @@ class StagePlant:
     def _noises(self) -> dict[str, Noise]:
         return {stream: Noise(self.seed, stream) for stream in self.streams}
 
-    def _turbulence(self, time: NDArray[np.float64]) -> NDArray[np.float64] | float:
+    def _turbulence(self, time: Array) -> Array | float:
         air = self.stage.tilt_instrument.turbulence
         if air is None:
             return 0.0
@@ -233,5 +231,5 @@ class StagePlant:
         return air.std * np.stack(list(columns), axis=1)
 
 
-def _rounded(values: NDArray[np.float64], step: float) -> NDArray[np.float64]:
+def _rounded(values: Array, step: float) -> Array:
     return np.asarray(np.rint(values / step) * step, dtype=np.float64)

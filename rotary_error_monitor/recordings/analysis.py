@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from rotary_error_monitor.analysis.changes import Change, changes_between
-from rotary_error_monitor.analysis.comparison import stays_of
+from rotary_error_monitor.analysis.comparison import Stay, stays_of
 from rotary_error_monitor.analysis.course import estimate_drifts
 from rotary_error_monitor.analysis.motion import SegmentFigures, analyse_motion
 from rotary_error_monitor.analysis.positions import positioning_of
@@ -25,7 +25,7 @@ from rotary_error_monitor.description.wire import wire_of
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.files import check_outputs, check_places, write_all
 from rotary_error_monitor.metrology.turns import LEAST_WAVES, MOST_WAVES
-from rotary_error_monitor.pipeline.estimation import AUTOCOLLIMATOR, COMMAND
+from rotary_error_monitor.pipeline.estimation import AUTOCOLLIMATOR
 from rotary_error_monitor.pipeline.radial_heights import HIGHEST as HIGHEST
 from rotary_error_monitor.recordings.long_estimates import ReplayedEstimates
 from rotary_error_monitor.recordings.progress import Progress, silent
@@ -195,29 +195,20 @@ def analyse_bag(
     estimates = ReplayedEstimates(replay)
     wire = wire_of(stage)
     streams = read_streams(BagReader(bag, question.naming), wire, stage, keep, progress)
-    names = [*(f"head_{letter}" for letter in stage.azimuths), AUTOCOLLIMATOR, COMMAND, *stage.sensors]
-    rate = min((streams.rates[name] for name in names if name in streams.rates and name != COMMAND), default=math.inf)
-    heights = question.heights or default_heights(stage)
+    heights, rate = question.heights or default_heights(stage), _least_rate(streams, stage)
     with progress("figures") as step:
-        segments = analyse_motion(
-            estimates, stage, heights, question.most_waves, rate, keep, lambda share: step(share, 0)
-        )
+        segments = analyse_motion(estimates, stage, heights, question.most_waves, rate, keep, lambda x: step(x, 0))
     acting = streams.acting(stage)
     temperatures = {name.partition(",")[0]: each for name, each in acting.items() if name.endswith("°C")}
     outcome, judged = judge(segments, question.limits)
     used = wire.topic("error_motion_samples").field("streams")
-    stays = (
-        ()
-        if stage.lvdt is None or streams.lvdt is None
-        else stays_of(estimates, estimates.period_ns, stage.lvdt, streams.lvdt)
-    )
     return Analysis(
         outcome,
         judged,
         segments,
         estimate_drifts(segments, temperatures),
         positioning_of(estimates),
-        stays,
+        _stays(estimates, streams, stage),
         estimates.tool_offset,
         tuple(streams.health),
         estimates.fall_outs({name: used.mask([name]) for name in used.bits}),
@@ -226,6 +217,19 @@ def analyse_bag(
         estimates.period_ns * 1e-9,
         (*_remarks(streams, stage), *_too_short(estimates, segments), *replay.remarks),
     )
+
+
+def _least_rate(streams: RecordedStreams, stage: StageDescription) -> float:
+    """Samples a second, Hz, of the slowest of the sensors that are recorded."""
+    names = [*(f"head_{letter}" for letter in stage.azimuths), AUTOCOLLIMATOR, *stage.sensors]
+    return min((streams.rates[name] for name in names if name in streams.rates), default=math.inf)
+
+
+def _stays(estimates: ReplayedEstimates, streams: RecordedStreams, stage: StageDescription) -> tuple[Stay, ...]:
+    """The monitor against the LVDT, where one was recorded."""
+    if stage.lvdt is None or streams.lvdt is None:
+        return ()
+    return stays_of(estimates, estimates.period_ns, stage.lvdt, streams.lvdt)
 
 
 def check_machine(machine: MachineDescription | None) -> MachineDescription | None:

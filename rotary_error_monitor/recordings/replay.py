@@ -20,7 +20,7 @@ from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.wire import Wire, wire_of
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
-from rotary_error_monitor.pipeline.compensation import CompensationSettings, Compensator, InputsUsed
+from rotary_error_monitor.pipeline.compensation import Compensator, InputsUsed
 from rotary_error_monitor.pipeline.corrections import Correction
 from rotary_error_monitor.pipeline.estimation import (
     AUTOCOLLIMATOR,
@@ -76,7 +76,6 @@ def replay_bag(
     stage: StageDescription,
     machine: MachineDescription | None = None,
     settings: EstimatorSettings | None = None,
-    compensation_settings: CompensationSettings | None = None,
     naming: Naming = THE_ONLY_CELL,
     repeat: bool = True,
 ) -> Replay:
@@ -90,10 +89,10 @@ def replay_bag(
             nothing but these, where it has no monitored axis). Messages that are broken are left out, and said.
     """
     if machine is not None and machine.monitored is None:
-        return replay_described(bag, stage, machine, compensation_settings, naming)
+        return replay_described(bag, stage, machine, naming)
     corrections: list[Correction] = []
     run = _Run(BagReader(bag, naming), stage, machine, RowsInMemory, corrections)
-    found = run.through(settings, compensation_settings, repeat)
+    found = run.through(settings, repeat)
     return found.part(0, len(found), tuple(corrections))
 
 
@@ -120,7 +119,7 @@ def replay_long(
     Raises:
         InputError: as `replay_bag`.
     """
-    return _Run(BagReader(bag, naming), stage, machine, keep, None, progress).through(settings, None, repeat=True)
+    return _Run(BagReader(bag, naming), stage, machine, keep, None, progress).through(settings, repeat=True)
 
 
 class _Run:
@@ -142,9 +141,7 @@ class _Run:
         self._collected = Collected(keep, _columns(self._wire), corrections)
         self._of_machine: tuple[str, ...] = ()
 
-    def through(
-        self, settings: EstimatorSettings | None, compensation_settings: CompensationSettings | None, repeat: bool
-    ) -> LongReplay:
+    def through(self, settings: EstimatorSettings | None, repeat: bool) -> LongReplay:
         """Replay it, with the decisions that the bag holds, if they are to be repeated."""
         reader, stage, collected = self._reader, self._stage, self._collected
         decisions = _published_decisions(reader, self._wire, self._keep, repeat)
@@ -156,7 +153,7 @@ class _Run:
         if self._machine is not None:
             self._of_machine = _machine_topics(reader, self._wire)
             published = _published_inputs(reader, self._wire, self._keep) or None
-            compensator = Compensator(self._machine, compensation_settings, published, stage.limits)
+            compensator = Compensator(self._machine, None, published, stage.limits)
         names = [name for name in (*self._inputs, *self._of_machine) if name in reader.topics]
         window = reader.window(names)
         self._feed(names, window, estimator, compensator)
@@ -197,7 +194,6 @@ def replay_described(
     bag: Path | str,
     stage: StageDescription,
     machine: MachineDescription,
-    settings: CompensationSettings | None = None,
     naming: Naming = THE_ONLY_CELL,
 ) -> Replay:
     """Compensation of a machine without monitored axis: joint states alone.
@@ -208,7 +204,7 @@ def replay_described(
     reader, wire = BagReader(bag, naming), wire_of(stage)
     names = [name for name in _machine_topics(reader, wire) if name in reader.topics]
     decisions = _published_inputs(reader, wire, RowsInMemory)
-    compensator = Compensator(machine, settings, decisions or None)
+    compensator = Compensator(machine, None, decisions or None)
     corrections: list[Correction] = []
     collected = Collected(RowsInMemory, _columns(wire), corrections)
     stamps: list[int] = []

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.analysis.signals import radial_at
+from rotary_error_monitor.arrays import Times
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.bags.window import Window
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
@@ -55,7 +56,7 @@ class Replay:
     damage: str | None
     repeated: bool
     unrepeated: NDArray[np.bool_]
-    lost_ns: NDArray[np.int64]
+    lost_ns: Times
     remarks: tuple[str, ...]
 
     @property
@@ -142,8 +143,8 @@ class LongReplay:
     status: EstimatorStatus
     damage: str | None
     repeated: bool
-    unrepeated_ns: NDArray[np.int64]
-    lost_ns: NDArray[np.int64]
+    unrepeated_ns: Times
+    lost_ns: Times
     remarks: tuple[str, ...]
 
     @property
@@ -212,11 +213,7 @@ class LongReplay:
 
 
 def _by_tick(
-    count: int,
-    parts: Callable[[], Iterable[Replay]],
-    heights: Sequence[float],
-    lost_ns: NDArray[np.int64],
-    with_machine: bool,
+    count: int, parts: Callable[[], Iterable[Replay]], heights: Sequence[float], lost_ns: Times, with_machine: bool
 ) -> dict[str, InParts]:
     """Arrays of a replay of `count` ticks that comes in parts, those of its machine's corrections left out."""
 
@@ -256,7 +253,7 @@ def _tool_offset(part: Replay) -> NDArray[np.float64]:
     return part.tool_offset
 
 
-def offsets_at(offsets: BlockRows, stamps: NDArray[np.int64]) -> NDArray[np.float64]:
+def offsets_at(offsets: BlockRows, stamps: Times) -> NDArray[np.float64]:
     """(n, 6) tool offsets at ascending timestamps (n,), ns, NaN where the compensation held."""
     found = np.full((len(stamps), 6), np.nan)
     if len(stamps) and len(offsets):

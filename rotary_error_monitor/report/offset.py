@@ -27,9 +27,7 @@ from rotary_error_monitor.report.page import (
     verdict,
     whole_page,
 )
-
-MICRO = 1e6
-"""µm in a metre, µrad in a radian."""
+from rotary_error_monitor.units import MICRO
 
 COMPONENTS = ("dx_um", "dy_um", "dz_um", "da_urad", "db_urad", "dc_urad")
 HEAD = ("x, µm", "y, µm", "z, µm", "a, µrad", "b, µrad", "c, µrad")

@@ -6,14 +6,12 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.report.palette import BLUE, GREY
 
 
-def draw_reliability(
-    path: Path, stated: NDArray[np.float64], share: NDArray[np.float64], interval: NDArray[np.float64], title: str
-) -> None:
+def draw_reliability(path: Path, stated: Array, share: Array, interval: Array, title: str) -> None:
     """Write the diagram as SVG or PNG, as the suffix of the file says.
 
     Args:

@@ -19,7 +19,8 @@ from rotary_error_monitor.metrology.spindle_figures import COVERAGE
 from rotary_error_monitor.report.drawing import WIDE, drawn, in_rows, label, new_axes, tiled
 from rotary_error_monitor.report.drawn import Drawn
 from rotary_error_monitor.report.palette import BLUE, GREY, VERMILION
-from rotary_error_monitor.report.wording import MICRO, spoken
+from rotary_error_monitor.report.wording import spoken
+from rotary_error_monitor.units import MICRO
 
 MOST_PANELS = 12
 """Figures that are drawn of a stage: what fits on a page; the tables have all."""

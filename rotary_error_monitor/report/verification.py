@@ -28,7 +28,8 @@ from rotary_error_monitor.report.page import (
     verdict,
     whole_page,
 )
-from rotary_error_monitor.report.wording import MICRO
+from rotary_error_monitor.report.wording import aligned
+from rotary_error_monitor.units import MICRO
 
 _TERMS = {
     "difference": "reference less monitor, the reference's zero and the eccentricity of its target taken off",
@@ -109,13 +110,7 @@ def text_table(found: Verification) -> str:
     """The figures as lines for a terminal."""
     parts = []
     for each in found.comparisons:
-        lines = [_HEAD, *_rows(each)]
-        widths = [max(len(line[k]) for line in lines) for k in range(len(_HEAD))]
-        parts.append(f"{_named(each)} ({each.stated})")
-        parts += [
-            "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in lines
-        ]
-        parts += [*_taken(each)]
+        parts += [f"{_named(each)} ({each.stated})", *aligned([_HEAD, *_rows(each)]), *_taken(each)]
     return "\n".join(parts)
 
 

@@ -12,7 +12,7 @@ from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.report.drawing import WIDE, Sketch, drawn, in_rows, label, new_axes, tiled
 from rotary_error_monitor.report.drawn import Drawn
 from rotary_error_monitor.report.palette import BLACK, GREY, ORANGE, colour
-from rotary_error_monitor.report.wording import MICRO
+from rotary_error_monitor.units import MICRO
 
 _HEIGHT = 2.7
 """Of a picture, inches."""

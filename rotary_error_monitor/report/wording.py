@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
 from rotary_error_monitor.effects.effect import Estimate
 from rotary_error_monitor.gap.quantities import quantity
 from rotary_error_monitor.metrology.spindle_figures import Value
-
-MICRO = 1e6
-"""µm in a metre, µrad in a radian."""
 
 _HEIGHT = re.compile(r"(?<=\d)mm\b")
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -23,6 +21,12 @@ def spoken(name: str) -> str:
 def counted(number: int, what: str) -> str:
     """So many of something: `1 stage`, `2 stages`."""
     return f"{number} {what}{'' if number == 1 else 's'}"
+
+
+def aligned(lines: Sequence[Sequence[str]]) -> list[str]:
+    """Lines of a table for a terminal, each column as wide as it must be."""
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    return ["  ".join(map(str.ljust, line, widths)).rstrip() for line in lines]
 
 
 def power_of_ten(exponent: int) -> str:

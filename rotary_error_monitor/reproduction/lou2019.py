@@ -113,7 +113,7 @@ class Lou2019:
     def _collimator(self) -> Step:
         self.stage.write_collimator_steps(self.bench.path(STEPS))
         reference = f"{REFERENCE / math.sqrt(3):.3f}"
-        command, said = self.bench.run(
+        told = self.bench.run(
             *("calibrate", "autocollimator", STEPS, "--stage", STAGE, "--reference-arcsec", reference),
             *("--figure", "autocollimator.png"),
         )
@@ -121,34 +121,31 @@ class Lou2019:
         return Step(
             "Calibrate the miniature autocollimator",
             "Section 2.2, Figures 4 and 5",
-            command,
-            said,
+            *told,
             (picture,),
             "The instrument is bent so that a straight line leaves what the paper's Figure 5 leaves.",
         )
 
     def _assembly(self) -> Step:
         self.stage.record_between_centres(self.bench.path(BETWEEN))
-        command, said = self.bench.run("calibrate", "assembly", BETWEEN, "--stage", STAGE, *_CENTRES)
+        told = self.bench.run("calibrate", "assembly", BETWEEN, "--stage", STAGE, *_CENTRES)
         figures = original_errors(Readings(self.bench.path(BETWEEN), self._calibrated))
         return Step(
             "Measure the original errors of ring and mirror between centres",
             "Sections 2.1 and 3.1, Equation 3, Figures 3, 7 and 8",
-            command,
-            said,
+            *told,
             figures,
         )
 
     def _separation(self) -> Step:
         bag = self.bench.path("plain_5_mm")
         self.stage.record(bag, 0.005, 1)
-        command, said = self.bench.run("replay", bag.name, "--twin", STAGE, "-o", "plain_5_mm.npz")
+        told = self.bench.run("replay", bag.name, "--twin", STAGE, "-o", "plain_5_mm.npz")
         figures = separated_errors(Readings(bag, self._calibrated), estimate(bag, self.bench.path(STAGE)))
         return Step(
             "Separate the error motion from the errors of ring and mirror",
             "Section 3.2, Equations 3 to 6, Figures 9 to 11",
-            command,
-            said,
+            *told,
             figures,
         )
 
@@ -157,7 +154,7 @@ class Lou2019:
         if not bag.exists():
             self.stage.record(bag, height * 1e-3, run, pushed)
         stage = self._at_height(height)
-        command, said = self.bench.run(
+        told = self.bench.run(
             *("compare", name, "--twin", stage, "--height", str(height), "--format", "html,json,png"),
             *("-o", f"{name}.html"),
             accepted=(0, 10),
@@ -169,8 +166,7 @@ class Lou2019:
         step = Step(
             f"Verify the radial error motion at {height} mm {what}",
             f"Section 3.3, Equation 7, Figures 12 and {figure}",
-            command,
-            said,
+            *told,
             pictures,
             f"The LVDT's height is in the description as {height} mm ({stage}).",
         )

@@ -25,21 +25,21 @@ _CELLS = 360
 
 
 class Readings:
-    """What heads and autocollimator of a recording show, over the angle of one way of turning.
+    """What heads and autocollimator of a recording show, over the angle while it turns forward.
 
     Attributes:
         angle: (k,) rad.
     """
 
-    def __init__(self, bag: Path, stage: StageDescription, *, forward: bool = True) -> None:
-        """Read a recording; values are means over the turns of that way."""
+    def __init__(self, bag: Path, stage: StageDescription) -> None:
+        """Read a recording; values are means over the turns forward."""
         recording = read_bag(bag)
         command = recording["command"]
         first = recording["head_a"]
         self._times = first.times_ns
         self._theta = np.interp(self._times, command.times_ns, command["angle"])
         speed = np.interp(self._times, command.times_ns, command["velocity"])
-        self._used = speed > 0.9 * speed.max() if forward else speed < 0.9 * speed.min()
+        self._used = speed > 0.9 * speed.max()
         self._heads = {
             name.removeprefix("head_"): np.interp(self._times, stream.times_ns, stream["angle"])
             for name, stream in recording.streams.items()
@@ -114,15 +114,14 @@ def separated_errors(assembled: Readings, found: Estimate) -> tuple[Drawn, ...]:
     return tuple(pictures)
 
 
-def verified(number: int, comparison: Mapping[str, Any], forward: int = 0) -> tuple[Drawn, ...]:
-    """Figure 13 or 14: radial error motion predicted and measured at a height, and what is left, by axis.
+def verified(number: int, comparison: Mapping[str, Any]) -> tuple[Drawn, ...]:
+    """Figure 13 or 14, by axis: radial error motion predicted and measured at a height, and what is left; forward.
 
     Args:
         number: of the figure.
         comparison: of `compare --format json`.
-        forward: which of its ways of turning.
     """
-    shown: Mapping[str, Sequence[float]] = comparison["over_angle"][forward]
+    shown: Mapping[str, Sequence[float]] = comparison["over_angle"][0]
     angle, height = np.array(shown["angle"]), comparison["height"] * 1e3
     pictures = []
     for place, axis in enumerate("xy"):

@@ -8,14 +8,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rotary_error_monitor.bags.metadata import SIMULATED
-from rotary_error_monitor.bags.writer import write_messages
 from rotary_error_monitor.description.stage import (
     Mirror,
     PlanarHarmonic,
@@ -27,6 +23,7 @@ from rotary_error_monitor.description.stage import (
 )
 from rotary_error_monitor.description.wire import wire_of
 from rotary_error_monitor.files import write_whole
+from rotary_error_monitor.notebook.simulation import write_plant
 from rotary_error_monitor.plant.clocks import Clock, stage_clocks
 from rotary_error_monitor.plant.environment import Forces, Temperature, intermittent_forces
 from rotary_error_monitor.plant.motion import Motion, Segment
@@ -165,11 +162,5 @@ def _clocks() -> Mapping[str, Clock]:
 def _record(folder: Path, plant: StagePlant) -> StagePlant:
     """Write a bag of all streams, a message each 10 ms."""
     end = plant.epoch_ns + round(2 * (REST + TURNING) * NANOSECONDS)
-    edges: NDArray[np.int64] = np.arange(plant.epoch_ns, end + 1, _BLOCK_NS)
-    wire, contents = wire_of(plant.description), {}
-    for stream in plant.streams:
-        places = [plant.index_at(stream, int(edge)) for edge in edges]
-        blocks = [plant.samples(stream, first, last - first) for first, last in pairwise(places) if last > first]
-        contents[wire.of_stream(stream).name] = blocks
-    write_messages(folder, contents, wire, {SIMULATED: ", ".join(contents)})
+    write_plant(folder, plant, range(plant.epoch_ns, end + 1, _BLOCK_NS), wire_of(plant.description))
     return plant

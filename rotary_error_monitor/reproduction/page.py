@@ -15,6 +15,7 @@ from rotary_error_monitor.report.page import (
     verdict,
     whole_page,
 )
+from rotary_error_monitor.report.wording import aligned
 from rotary_error_monitor.reproduction.procedure import Reproduction, Row, Step
 
 _KEPT = {True: "✓ yes", False: "✗ no", None: "—"}
@@ -43,11 +44,7 @@ def page(found: Reproduction) -> str:
 def text_table(rows: tuple[Row, ...]) -> str:
     """Paper and result as lines for a terminal."""
     head = ("quantity", "paper", "ours", "kept")
-    lines = [head, *((row.quantity, row.paper, row.ours, _KEPT[row.holds]) for row in rows)]
-    widths = [max(len(line[k]) for line in lines) for k in range(len(head))]
-    return "\n".join(
-        "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in lines
-    )
+    return "\n".join(aligned([head, *((row.quantity, row.paper, row.ours, _KEPT[row.holds]) for row in rows)]))
 
 
 def _step(number: int, step: Step) -> str:

@@ -95,14 +95,13 @@ class Pan2013:
     def _positioning(self, letter: str) -> Step:
         source, number, rotary = f"{letter.lower()}_positioning.csv", POSITIONED[letter], letter in "AC"
         self.machine.write_positioning(self.bench.path(source), letter)
-        command, said = self.bench.run(
+        told = self.bench.run(
             *("calibrate", "positioning", source, "--machine", MACHINE, "--axis", letter, "--drop-outliers")
         )
         return Step(
             f"Measure {'angular positioning' if rotary else 'positioning'} of {letter}",
             f"Section {'5' if rotary else '4'}, Section 6, Figure {number}",
-            command,
-            said,
+            *told,
             (pan2013_figures.positioning(number, letter, self.bench.path(source)),),
             f"A laser {'tracker' if rotary else 'interferometer'} at {POSITIONING[letter].targets} targets over the "
             f"whole travel, {CYCLES} times both ways.",
@@ -111,15 +110,14 @@ class Pan2013:
     def _straightness(self, name: str) -> Step:
         source, number = f"{name.lower()}.csv", STRAIGHT[name]
         self.machine.write_straightness(self.bench.path(source), name)
-        command, said = self.bench.run(
+        told = self.bench.run(
             *("calibrate", "straightness", source, "--machine", MACHINE, "--component", name),
             *("--noise-um", f"{STRAIGHTNESS_NOISE / UM:g}"),
         )
         return Step(
             f"Measure straightness of {name[2]} in {name[1]}",
             f"Section 6, Figure {number}",
-            command,
-            said,
+            *told,
             (pan2013_figures.straightness(number, name, self.bench.path(source)),),
             "A laser's beam is the reference, not a mirror; it is aligned to some 10 µrad.",
         )
@@ -127,7 +125,7 @@ class Pan2013:
     def _lines(self) -> Step:
         self.machine.write_tracker(self.bench.path(TRACKER))
         distance, angle = TRACKER_NOISE
-        command, said = self.bench.run(
+        told = self.bench.run(
             *("calibrate", "squareness", TRACKER, "--machine", MACHINE, "--distance-um", f"{distance / UM:g}"),
             *("--distance-ppm", "0", "--angle-arcsec", f"{angle / ARCSEC:g}", "--figure", "axes.png"),
         )
@@ -135,38 +133,35 @@ class Pan2013:
         return Step(
             "Measure how axes and spindle lie beside each other",
             "Section 5, Equation 16, Section 6, Figures 10 and 20, Table 2",
-            command,
-            said,
+            *told,
             (picture,),
             "A tracker sees a reflector at the spindle's nose go along X, Y, Z, and reflectors go round C, A and the "
             "spindle; readings are means of both ways of approach.",
         )
 
     def _model(self) -> Step:
-        command, said = self.bench.run("offset", MACHINE, "--array", "text")
+        told = self.bench.run("offset", MACHINE, "--array", "text")
         return Step(
             "Low-order body array and characteristic matrices of the measured machine",
             "Section 3, Equations 2 to 12, Table 1, Figures 4 and 5",
-            command,
-            said,
+            *told,
             about="Equation 5 prints sin α in the rotation about z, where the rotation needs sin γ.",
         )
 
     def _offset(self) -> Step:
         self.machine.write_poses(self.bench.path(POSES), DRAWN_POSES)
-        command, said = self.bench.run("offset", MACHINE, "--program", POSES, "-o", "offset.json")
+        told = self.bench.run("offset", MACHINE, "--program", POSES, "-o", "offset.json")
         return Step(
             "Offset E of tool and workpiece at poses drawn in the working volume",
             "Section 3.2, Equations 13 to 15",
-            command,
-            said,
+            *told,
             about="The paper states the formula and no value of E.",
         )
 
     def _costs(self) -> Step:
-        command, said = self.bench.run("calibrate", "errors", MACHINE, "--figure", "errors.png")
+        told = self.bench.run("calibrate", "errors", MACHINE, "--figure", "errors.png")
         picture = self.bench.picture("errors.png", "Offset over X and Y, and errors by what each costs")
-        return Step("Which errors cost most", "Section 1: the main errors", command, said, (picture,))
+        return Step("Which errors cost most", "Section 1: the main errors", *told, (picture,))
 
     def _prediction(self) -> Row:
         """The measured machine file against the simulated machine."""

@@ -92,14 +92,13 @@ class Zhou2023:
     def _spliced(self) -> Step:
         source = self.bench.path("z_spliced.csv")
         self.grinder.write_runs(source, plant.Z, plant.MIRROR_1, (-0.8, -0.44))
-        command, said = self._straightness(source.name, "EYZ", *_SHORT, "--monotone")
+        told = self._straightness(source.name, "EYZ", *_SHORT, "--monotone")
         first, second = figures.placements(source, plant.SENSOR_NOISE)
         line = figures.stated_curve(self.bench.path(MACHINE), "EYZ")
         return Step(
             "Splice Z from two placements of mirror No. 1",
             "Section 2, Equation 1, Figures 6 to 9",
-            command,
-            said,
+            *told,
             (
                 figures.runs(6, first),
                 figures.repeatability(first),
@@ -113,26 +112,24 @@ class Zhou2023:
         source = self.bench.path("z_direct.csv")
         # the mirror is 40 mm longer than the travel: 20 mm at either end stay unused
         self.grinder.write_runs(source, plant.Z, plant.MIRROR_2, (-0.82,))
-        command, said = self._straightness(source.name, "EYZ", *_LONG, "-o", "direct.yaml")
+        told = self._straightness(source.name, "EYZ", *_LONG, "-o", "direct.yaml")
         line = figures.stated_curve(self.bench.path("direct.yaml"), "EYZ")
         return Step(
             "Measure Z directly along mirror No. 2",
             "Section 2.2, Figure 10",
-            command,
-            said,
+            *told,
             (figures.straightness("Figure 10: straightness of Z, along mirror No. 2", line),),
         )
 
     def _compared(self) -> Step:
-        command, said = self._straightness(
+        told = self._straightness(
             "z_spliced.csv", "EYZ", *_SHORT, *_DIRECT, "-o", "compared.yaml", "--figure", "compared.png"
         )
         lines = [figures.stated_curve(self.bench.path(name), "EYZ") for name in (MACHINE, "direct.yaml")]
         return Step(
             "Compare the two",
             "Section 2.2, Figure 11",
-            command,
-            said,
+            *told,
             (
                 figures.difference(*lines),
                 self.bench.picture("compared.png", "What the command draws of the comparison"),
@@ -140,33 +137,31 @@ class Zhou2023:
         )
 
     def _known_mirror(self) -> Step:
-        command, said = self._straightness(
+        told = self._straightness(
             *("z_spliced.csv", "EYZ", *_SHORT[:3], _INTERFEROMETER),
             *("--mirror-profile", "mirror_1.csv", "-o", "known_mirror.yaml"),
         )
         return Step(
             "Splice Z with the measured form of mirror No. 1 taken off",
             "not in the paper, which neglects the mirror",
-            command,
-            said,
+            *told,
             about="Overlaps do not show a mirror's curvature: spliced, it looks like a bow of the guideway.",
         )
 
     def _second_axis(self) -> Step:
         source = self.bench.path("x_spliced.csv")
         self.grinder.write_runs(source, plant.X, plant.MIRROR_2, (-1.4, -0.84))
-        command, said = self._straightness(source.name, "EYX", *_LONG, "--monotone")
+        told = self._straightness(source.name, "EYX", *_LONG, "--monotone")
         line = figures.stated_curve(self.bench.path(MACHINE), "EYX")
         return Step(
             "Splice X from two placements of mirror No. 2",
             "Section 2.2, Figure 12",
-            command,
-            said,
+            *told,
             (figures.straightness("Figure 12: straightness of X, spliced", line),),
         )
 
     def _trajectory(self) -> Step:
-        command, said = self.bench.run("calibrate", "flatness", MACHINE, *_WORKPIECE, "--trajectory", "wheel.csv")
+        told = self.bench.run("calibrate", "flatness", MACHINE, *_WORKPIECE, "--trajectory", "wheel.csv")
         wheel = figures.Surface(self.bench.path("wheel.csv"))
         for name, column in (("after", "Y_correction_um"), ("unrotated", "error_um")):
             sign = -1.0 if column == "error_um" else 1.0
@@ -177,15 +172,14 @@ class Zhou2023:
         return Step(
             "Rotate both curves, and make the wheel's trajectory of the error matrix",
             "Section 3.1, Equation 2, Figures 13 and 15",
-            command,
-            said,
+            *told,
             (*rotations, shown),
         )
 
     def _workpiece(self, how: str, after: str) -> Step:
         picture = f"flatness_{how}.png"
         measured = ("--measured", "workpiece_before.csv", "--measured-after", after, "--height-noise-um", _NOISE)
-        command, said = self.bench.run(
+        told = self.bench.run(
             *("calibrate", "flatness", MACHINE, *_WORKPIECE, "--reversal-um", f"{plant.REVERSAL / UM:g}"),
             *measured,
             *(("--figure", picture) if how == "with" else ()),
@@ -200,23 +194,20 @@ class Zhou2023:
         maps = [figures.surface(titles[n], table, table.levelled("height_um")) for n, table in tables.items()]
         if how != "with":
             title, source = "Grind with the curves as measured instead", "Section 3.1 says why not, and shows no result"
-            return Step(title, source, command, said, tuple(maps))
+            return Step(title, source, *told, tuple(maps))
         maps.append(self.bench.picture(picture, "What the command draws of prediction and measurement"))
         return Step(
             "Grind a workpiece without and with compensation",
             "Section 3.2, Figures 14, 16 and 17",
-            command,
-            said,
+            *told,
             tuple(maps),
             "Simulated is the true surface. The paper says that it measured with the sensor on the machine, whose own "
             "straightness then is in the readings unless it was taken off.",
         )
 
     def _table(self) -> Step:
-        command, said = self.bench.run(
-            "calibrate", "tables", MACHINE, "--grid", "X=141", "Z=81", "-o", "compensation.csv"
-        )
-        return Step("Write the compensation table of the controller", "Section 3.1", command, said)
+        told = self.bench.run("calibrate", "tables", MACHINE, "--grid", "X=141", "Z=81", "-o", "compensation.csv")
+        return Step("Write the compensation table of the controller", "Section 3.1", *told)
 
 
 def reproduce(bench: Bench, seed: int) -> Reproduction:

@@ -42,11 +42,6 @@ class Users:
         self._hashes = dict(hashes)
         self._nobody = _Hash((_N, _R, _P), secrets.token_bytes(16), secrets.token_bytes(32))
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """All of them."""
-        return tuple(self._hashes)
-
     def accepts(self, name: str | None, password: str | None) -> bool:
         """Whether that is the password of that user; a name that is none takes as long as one that is."""
         known = self._hashes.get(name or "", self._nobody)

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array, Mask
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.units import TURN
 
@@ -63,7 +64,7 @@ than the clocks of well kept computers differ by."""
 
 _BEFORE_ALL, _AFTER_ALL = -(2**62), 2**62
 
-Samples = tuple[NDArray[np.int64], NDArray[np.float64]]
+Samples = tuple[NDArray[np.int64], Array]
 
 
 @dataclass(frozen=True)
@@ -103,21 +104,16 @@ class Admission:
     def __post_init__(self) -> None:
         self.forget()
 
-    @property
-    def newest_ns(self) -> int | None:
-        """Timestamp (ns) of the newest sample that was taken, one that waits for its neighbour included."""
-        return self._newest_ns
-
     def forget(self) -> None:
         """Begin anew, as before the first sample; counts stay."""
         self._newest_ns: int | None = None
-        self._last: NDArray[np.float64] | None = None
+        self._last: Array | None = None
         self._turns = 0
         self.refusals = self.refusals[:0]
         self._waiting: Samples | None = None
         self._tail = np.empty((0, 0))
 
-    def admit(self, times: NDArray[np.int64], values: NDArray[np.float64], until_ns: int | None = None) -> Samples:
+    def admit(self, times: NDArray[np.int64], values: Array, until_ns: int | None = None) -> Samples:
         """What can be believed of samples `values` (n, k) at `times` (n,), ns; the last may wait for the next call.
 
         Args:
@@ -142,7 +138,7 @@ class Admission:
         if self._last is not None:
             self._last = _turned_by(self._last, turns)
 
-    def _in_order(self, times: NDArray[np.int64], values: NDArray[np.float64], until_ns: int) -> Samples:
+    def _in_order(self, times: NDArray[np.int64], values: Array, until_ns: int) -> Samples:
         """Samples that are finite, within range, not in the future and in order after all that came before.
 
         Of those that came together as many as can be in order are: a single wrong stamp costs its own sample, not those
@@ -153,9 +149,9 @@ class Admission:
         rising = len(times) > 0 and times[0] > before and bool((times[1:] > times[:-1]).all())
         if rising and times[-1] <= until_ns and bool(good.all()):
             return times, values
-        finite: NDArray[np.bool_] = np.asarray(np.isfinite(values).all(axis=1))
-        sound: NDArray[np.bool_] = finite & np.asarray(good.all(axis=1))
-        ahead: NDArray[np.bool_] = times > until_ns
+        finite: Mask = np.asarray(np.isfinite(values).all(axis=1))
+        sound: Mask = finite & np.asarray(good.all(axis=1))
+        ahead: Mask = times > until_ns
         usable = sound & ~ahead
         kept = usable & (times > before)
         kept[kept] = _rising(times[kept])
@@ -169,9 +165,7 @@ class Admission:
         self._count(LATE, usable & ~kept & ~astray, when)
         return times[kept], values[kept]
 
-    def _continuous(
-        self, times: NDArray[np.int64], values: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.bool_] | None]:
+    def _continuous(self, times: NDArray[np.int64], values: Array) -> tuple[Array, Mask | None]:
         """Values without the whole turns after which they start again, and which are no faster than they can be."""
         limits = self.limits
         if math.isinf(limits.speed):
@@ -193,7 +187,7 @@ class Admission:
         self._count(FAST, ~kept, times)
         return turned, kept
 
-    def _follows(self, value: NDArray[np.float64], last: NDArray[np.float64], passed: float) -> bool:
+    def _follows(self, value: Array, last: Array, passed: float) -> bool:
         """Whether a value can follow the last one; whole turns are taken out of it where it can only so."""
         allowed = self.limits.speed * passed + self.limits.jitter
         step = float(value[0] - last[0])
@@ -207,7 +201,7 @@ class Admission:
         value[0] -= TURN * turns
         return True
 
-    def _without_spikes(self, times: NDArray[np.int64], values: NDArray[np.float64]) -> Samples:
+    def _without_spikes(self, times: NDArray[np.int64], values: Array) -> Samples:
         """Samples without those that jump off from where the two before lead, and stand off from the median of five.
 
         How far they may is what noise allows or, where the signal bends more than that from sample to sample, a
@@ -230,9 +224,7 @@ class Admission:
         times, values = times[:free], values[:free]
         return (times, values) if taken is None or taken.all() else (times[taken], values[taken])
 
-    def _spikes(
-        self, rows: NDArray[np.float64], bends: NDArray[np.float64], off: NDArray[np.int64], before: int
-    ) -> tuple[NDArray[np.bool_], int]:
+    def _spikes(self, rows: Array, bends: Array, off: NDArray[np.int64], before: int) -> tuple[Mask, int]:
         """(n,) which rows are spikes, and how many of those behind the first `before` are judged.
 
         Args:
@@ -257,7 +249,7 @@ class Admission:
             spikes[judged] = (stands > limit).any(axis=1)
         return spikes[:-1], free - before
 
-    def _swing(self, bends: NDArray[np.float64], rows: NDArray[np.int64]) -> NDArray[np.float64]:
+    def _swing(self, bends: Array, rows: NDArray[np.int64]) -> Array:
         """(m, 1) what the signal bends before each of the `rows` from sample to sample, beyond what noise makes."""
         swing = np.full((len(rows), bends.shape[1]), math.inf)  # at the beginning nothing is known of it
         ends = rows - 2
@@ -281,7 +273,7 @@ class Admission:
         """What noise alone makes of a second difference at most."""
         return WAITING_SIGMAS * math.sqrt(6.0) * self._noise
 
-    def _count(self, reason: str, which: NDArray[np.bool_], when: NDArray[np.int64]) -> None:
+    def _count(self, reason: str, which: Mask, when: NDArray[np.int64]) -> None:
         if which.any():
             self.refused[reason] += int(which.sum())
             self.refusals = np.concatenate([self.refusals, when[which]])
@@ -353,14 +345,14 @@ def _steps(values: NDArray[Any], before: float) -> NDArray[Any]:
     return steps
 
 
-def _turned_by(values: NDArray[np.float64], turns: int) -> NDArray[np.float64]:
+def _turned_by(values: Array, turns: int) -> Array:
     """Values (..., k) whose angle, the first of k, has had whole turns taken out."""
     turned = values.copy()
     turned[..., 0] -= TURN * turns
     return turned
 
 
-def _rising(times: NDArray[np.int64]) -> NDArray[np.bool_]:
+def _rising(times: NDArray[np.int64]) -> Mask:
     """(n,) which of `times` (n,) to keep, so that they rise and are as many as can be.
 
     Of equal ones the first is kept; where as many could be kept otherwise, those that end earlier: what is stamped

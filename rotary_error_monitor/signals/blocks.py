@@ -60,44 +60,14 @@ class SampleBlock:
         return np.stack([self.column(name) for name in names], axis=1)
 
 
-def block_from_samples(
-    times_ns: NDArray[np.int64], names: Sequence[str], values: NDArray[np.float64], stamp_ns: int | None = None
-) -> SampleBlock:
-    """Block of samples at `times_ns` (n,) with `values` (n, k) named `names`, by default stamped with its first.
+def block_from_samples(times_ns: NDArray[np.int64], names: Sequence[str], values: NDArray[np.float64]) -> SampleBlock:
+    """Block of samples at `times_ns` (n,) with `values` (n, k) named `names`, stamped with its first.
 
     Raises:
         InputError: there is no sample, or the shapes do not fit.
     """
     if len(times_ns) == 0 or values.shape != (len(times_ns), len(names)):
         raise InputError(f"{len(times_ns)} times and {len(names)} names do not fit values of shape {values.shape}")
-    stamp = int(times_ns[0]) if stamp_ns is None else stamp_ns
+    stamp = int(times_ns[0])
     seconds = (times_ns - stamp) * 1e-9
     return SampleBlock(stamp, ("t", *names), np.column_stack([seconds, values]).astype("<f8", copy=False))
-
-
-def block_from_bytes(
-    stamp_ns: int, fields: Sequence[tuple[str, int, int, int]], data: bytes | memoryview, width: int, point_step: int
-) -> SampleBlock:
-    """Block from the content of a `sensor_msgs/msg/PointCloud2`; `fields` are (name, offset, datatype, count).
-
-    Raises:
-        InputError: the layout is not that of a sample block, or the data are shorter than the layout says.
-    """
-    names = tuple(field[0] for field in fields)
-    step = 8 * len(names)
-    float64 = 8  # sensor_msgs/msg/PointField.FLOAT64
-    if (
-        not names
-        or names[0] != "t"
-        or any(f[1:] != (8 * i, float64, 1) for i, f in enumerate(fields))
-        or point_step != step
-    ):
-        raise InputError(
-            f"no sample block: fields {excerpt(list(fields))}, point_step {point_step}; "
-            "expected FLOAT64 fields one after another, 't' first"
-        )
-    if width * step != len(data):
-        raise InputError(
-            f"no sample block: {width} samples of {step} bytes need {width * step} bytes, but {len(data)} came"
-        )
-    return SampleBlock(stamp_ns, names, np.frombuffer(data, "<f8").reshape(width, len(names)))

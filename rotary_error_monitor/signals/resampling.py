@@ -16,6 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array, Mask, Times
+
 FEWEST_TO_FIT = 8
 """Samples in a cell from which the fit is used; below it the interpolation has no more noise."""
 
@@ -39,11 +41,11 @@ class Resampled:
         valid: (m,) whether the samples around the tick allow a value.
     """
 
-    values: NDArray[np.float64]
-    gain: NDArray[np.float64]
-    travel: NDArray[np.float64]
-    bend: NDArray[np.float64]
-    valid: NDArray[np.bool_]
+    values: Array
+    gain: Array
+    travel: Array
+    bend: Array
+    valid: Mask
 
     def at(self, chosen: NDArray[np.int64]) -> Resampled:
         """The same at some of the ticks."""
@@ -57,7 +59,7 @@ def tick_times(first: int, count: int, period_ns: int) -> NDArray[np.int64]:
     return np.arange(first, first + count, dtype=np.int64) * period_ns + period_ns // 2
 
 
-def count_decided(times_ns: NDArray[np.int64], ticks_ns: NDArray[np.int64], period_ns: int) -> int:
+def count_decided(times_ns: Times, ticks_ns: Times, period_ns: int) -> int:
     """How many of the leading `ticks_ns` have all the samples that they will ever need."""
     if len(times_ns) == 0 or len(ticks_ns) == 0:
         return 0
@@ -70,22 +72,13 @@ def count_decided(times_ns: NDArray[np.int64], ticks_ns: NDArray[np.int64], peri
     return int(np.argmax(undecided)) if undecided.any() else len(ticks_ns)
 
 
-def resample(
-    times_ns: NDArray[np.int64],
-    values: NDArray[np.float64],
-    ticks_ns: NDArray[np.int64],
-    period_ns: int,
-    max_gap_ns: int,
-) -> Resampled:
+def resample(times_ns: Times, values: Array, ticks_ns: Times, period_ns: int, max_gap_ns: int) -> Resampled:
     """One signal, values (n, k) sampled at `times_ns` (n,), given at the ticks `ticks_ns` (m,); see `resample_all`."""
     return resample_all([(times_ns, values)], ticks_ns, period_ns, max_gap_ns)[0]
 
 
 def resample_all(
-    signals: Sequence[tuple[NDArray[np.int64], NDArray[np.float64]]],
-    ticks_ns: NDArray[np.int64],
-    period_ns: int,
-    max_gap_ns: int,
+    signals: Sequence[tuple[NDArray[np.int64], Array]], ticks_ns: Times, period_ns: int, max_gap_ns: int
 ) -> list[Resampled]:
     """Each signal, values (n, k) sampled at times (n,), given at the ticks `ticks_ns` (m,).
 
@@ -93,7 +86,7 @@ def resample_all(
     is missing between them. Many signals at once cost little more than one.
     """
     results: list[Resampled | None] = [None] * len(signals)
-    dense: list[tuple[int, NDArray[np.bool_], _Cells]] = []
+    dense: list[tuple[int, Mask, _Cells]] = []
     for i, (times, values) in enumerate(signals):
         start, stop = _cells(times, ticks_ns, period_ns)
         fits = stop - start >= FEWEST_TO_FIT
@@ -113,8 +106,8 @@ def resample_all(
 class _Cells:
     """A signal and which of its samples, [start, stop), belong to which tick."""
 
-    times: NDArray[np.int64]
-    values: NDArray[np.float64]
+    times: Times
+    values: Array
     ticks: NDArray[np.int64]
     start: NDArray[np.int64]
     stop: NDArray[np.int64]
@@ -125,14 +118,14 @@ class _Cells:
         return slice(int(self.start[0]), int(self.stop[-1])) if len(self.start) else slice(0, 0)
 
 
-def _spread(part: Resampled, chosen: NDArray[np.bool_]) -> Resampled:
+def _spread(part: Resampled, chosen: Mask) -> Resampled:
     """A result for all ticks of which only the chosen ones are filled."""
     m, k = len(chosen), part.values.shape[1]
     whole = Resampled(np.zeros((m, k)), np.ones(m), np.zeros((m, k)), np.zeros((m, k)), np.zeros(m, np.bool_))
     return _merged(whole, part, chosen)
 
 
-def _merged(whole: Resampled | None, part: Resampled, chosen: NDArray[np.bool_]) -> Resampled:
+def _merged(whole: Resampled | None, part: Resampled, chosen: Mask) -> Resampled:
     assert whole is not None
     whole.values[chosen], whole.gain[chosen] = part.values, part.gain
     whole.travel[chosen], whole.bend[chosen] = part.travel, part.bend
@@ -140,21 +133,17 @@ def _merged(whole: Resampled | None, part: Resampled, chosen: NDArray[np.bool_])
     return whole
 
 
-def _fit_end(ticks_ns: NDArray[np.int64], period_ns: int) -> NDArray[np.int64]:
+def _fit_end(ticks_ns: Times, period_ns: int) -> NDArray[np.int64]:
     return ticks_ns - period_ns // 2 + round(period_ns * (1 - GUARD))
 
 
-def _cells(
-    times_ns: NDArray[np.int64], ticks_ns: NDArray[np.int64], period_ns: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _cells(times_ns: Times, ticks_ns: Times, period_ns: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     start = np.searchsorted(times_ns, ticks_ns - period_ns // 2)
     stop = np.searchsorted(times_ns, _fit_end(ticks_ns, period_ns))
     return start, stop
 
 
-def _interpolate(
-    times_ns: NDArray[np.int64], values: NDArray[np.float64], ticks_ns: NDArray[np.int64], max_gap_ns: int
-) -> Resampled:
+def _interpolate(times_ns: Times, values: Array, ticks_ns: Times, max_gap_ns: int) -> Resampled:
     """Cubic through the four samples around each tick (Lagrange's form)."""
     m, k = len(ticks_ns), values.shape[1]
     if len(times_ns) < 4:
@@ -180,12 +169,7 @@ def _interpolate(
     return Resampled(result, gain, np.abs(samples[3] - samples[0]), _bend(samples, before, middle, behind), valid)
 
 
-def _bend(
-    samples: Sequence[NDArray[np.float64]],
-    before: NDArray[np.float64],
-    middle: NDArray[np.float64],
-    behind: NDArray[np.float64],
-) -> NDArray[np.float64]:
+def _bend(samples: Sequence[Array], before: Array, middle: Array, behind: Array) -> Array:
     """(m, k) third difference of four samples, of which a cubic misses as much if they are evenly spaced.
 
     It is made of their divided differences: that of the samples as they are would be as large as the signal moves in

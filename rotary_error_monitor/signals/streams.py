@@ -10,7 +10,7 @@ from statistics import median
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.signals.admission import LATE, NOT_FINITE, Admission, SampleLimits
+from rotary_error_monitor.signals.admission import Admission, SampleLimits
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.units import TURN
 
@@ -85,16 +85,6 @@ class SampleStream:
     def newest_ns(self) -> int | None:
         """Timestamp (ns) of the latest sample; None before the first."""
         return int(self._times[-1]) if len(self._times) else None
-
-    @property
-    def late(self) -> int:
-        """Samples refused because their stamp was not after the last one."""
-        return self.admission.refused[LATE]
-
-    @property
-    def bad(self) -> int:
-        """Samples refused because they were not finite."""
-        return self.admission.refused[NOT_FINITE]
 
     @property
     def rate(self) -> float:

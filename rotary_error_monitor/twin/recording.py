@@ -147,8 +147,7 @@ def record_stage(
     remarks = list(_coverage_remarks({samples_topic(name): topics[samples_topic(name)] for name in present}, start))
     absent = [samples_topic(name) for name in listed if name not in present]
     remarks += [f"{', '.join(absent)}: described, but not recorded; left out"] if absent else []
-    own = [name for name in present if name not in listed]
-    streams = {name: _stream(name, topics[samples_topic(name)], start, remarks) for name in own}
+    streams = {n: _stream(n, topics[samples_topic(n)], start, remarks) for n in present if n not in listed}
     _check_overlap(streams)
     for name in (name for name in present if name in listed):
         try:

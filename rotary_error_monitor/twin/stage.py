@@ -23,6 +23,7 @@ from rotary_error_monitor.description.stage import ListedSensor, StageDescriptio
 from rotary_error_monitor.effects.effect import Cause, values_of
 from rotary_error_monitor.effects.rotor import RotorState, StageEffect
 from rotary_error_monitor.metrology.harmonics import angular_sum
+from rotary_error_monitor.metrology.reading_noise import noise_of
 from rotary_error_monitor.sensors.library import sensor_of
 from rotary_error_monitor.twin.commanded import CommandedRotation
 from rotary_error_monitor.twin.finite import check_finite
@@ -40,9 +41,6 @@ _STEADY = 0.5
 
 _BEYOND_NOISE = 6.0
 """Standard deviations of their mean from which a force acts: chance does not get there in hours."""
-
-MEDIAN_OF_DIFFERENCES = 0.954
-"""Median magnitude of the difference of two normal numbers, over their standard deviation."""
 
 
 @dataclass(frozen=True)
@@ -138,9 +136,8 @@ def _smooth(stream: Stream) -> Callable[[Array], Array]:
 
 def _above_noise(force: Array) -> Array:
     """Force (n, 2) with zero wherever its mean over neighbouring samples is within its own noise."""
-    noise = np.median(np.abs(np.diff(force, axis=0)), axis=0) / MEDIAN_OF_DIFFERENCES
     mean = uniform_filter1d(force, NEIGHBOURS, axis=0, mode="mirror")
-    acting = np.any(np.abs(mean) > _BEYOND_NOISE * noise / np.sqrt(NEIGHBOURS), axis=1)
+    acting = np.any(np.abs(mean) > _BEYOND_NOISE * noise_of(force) / np.sqrt(NEIGHBOURS), axis=1)
     return np.where(maximum_filter1d(acting.astype(np.uint8), 2 * NEIGHBOURS + 1)[:, None] > 0, force, 0.0)
 
 

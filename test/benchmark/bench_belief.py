@@ -7,12 +7,12 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from described_stages import stage_of
 from faults.judging import stream_of
 from scipy.ndimage import median_filter
 from world import Options, make_recording, random_stage
 from world.recording import AUTOCOLLIMATOR, COMMAND
 
-from rotary_error_monitor.description.stage import stage_from_mapping
 from rotary_error_monitor.pipeline.belief import Belief
 from rotary_error_monitor.pipeline.estimation import Estimator
 from rotary_error_monitor.signals.admission import Admission
@@ -59,7 +59,7 @@ def test_what_belief_costs(rate, monkeypatch):
     admission, belief = Stopwatch(monkeypatch), Stopwatch(monkeypatch)
     admission.on(Admission, "admit")
     belief.on(Belief, "assess")
-    estimator = Estimator(stage_from_mapping(section))
+    estimator = Estimator(stage_of(section))
     begin = time.perf_counter()
     for arrival, stream, block in streams:
         estimator.push(stream, block, arrival)

@@ -13,6 +13,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 from benchmark import history
+from described_stages import stage_of
 from faults.judging import stream_of
 from mock_bags import write_mock_bag, write_stage_bag
 from pipeline.test_compensation import MACHINE, motion_block, run
@@ -23,7 +24,7 @@ from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.blind_check.cases import write_case
 from rotary_error_monitor.calibration.volume import sample_volume
 from rotary_error_monitor.cases.making import make_stage_case
-from rotary_error_monitor.description.stage import load_stage, stage_from_mapping
+from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.loading import load_problem, load_twin
 from rotary_error_monitor.machine.correction import solve_axis_corrections
@@ -50,7 +51,7 @@ def estimating(rate: float, duration: float) -> Callable[[], object]:
     options = Options(motion="steady", odd_rates=False, rates=dict.fromkeys([*heads, AUTOCOLLIMATOR, COMMAND], rate))
     recording = make_recording(4, duration=duration, stage=section, options=options)
     streams = [(a, stream_of(t), b) for a, t, b in recording.timeline() if stream_of(t) is not None]
-    stage = stage_from_mapping(section)
+    stage = stage_of(section)
 
     def work() -> None:
         estimator = Estimator(stage)

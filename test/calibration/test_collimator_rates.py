@@ -11,7 +11,7 @@ from draws import ALL, seeds
 
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.two_axis_calibration import Instrument, calibrate_two_axes
-from rotary_error_monitor.metrology.two_axis_fit import NAMES, Reference, Sizes, fit_steps, numbers_of
+from rotary_error_monitor.metrology.two_axis_fit import DRIFT, NAMES, Reference, fit_steps, numbers_of
 from rotary_error_monitor.metrology.two_axis_steps import StepReadings
 
 CERTAIN = 0.115 * ARCSEC
@@ -86,7 +86,7 @@ def test_a_single_sweep_in_which_drift_looks_like_gain_is_not_more_sure_than_its
     inside = []
     for seed in range(60):
         rng = np.random.default_rng([seed, 4])
-        drift = tuple(rng.normal(0, Sizes().drift, 2))
+        drift = tuple(rng.normal(0, DRIFT, 2))
         detector = Detector.drawn(rng)
         found = calibrated(detector, Run(run.settings, 1, period=60.0, drift=drift), rng)
         inside.append(np.abs(off(found, detector))[2:6] < 1.96)

@@ -86,11 +86,11 @@ def test_stated_uncertainty_holds(tmp_path: Path, grid: str, drift: str) -> None
         result = calibrate_straightness(job, "EYX", Mirror(LENGTH, 0.0), Reading(NOISE))
         x = result.spliced.positions
         error = result.spliced.straightness().deviations - level(x, form(x))
-        points.append(np.mean(np.abs(error) < 2 * result.uncertainty))
-        ranges.append(abs(result.error - np.ptp(level(fine, form(fine)))) < 2 * result.error_uncertainty)
+        points.append(np.mean(np.abs(error) < 2 * result.doubts.uncertainty))
+        ranges.append(abs(result.error - np.ptp(level(fine, form(fine)))) < 2 * result.doubts.error_uncertainty)
         travels.append((x[0], x[-1]))
         refused += not result.written
-        stated.append(result.uncertainty)
+        stated.append(result.doubts.uncertainty)
     assert np.mean(points) >= 0.95
     # four standard deviations of 24 draws below 0.95 would be 0.77
     assert np.mean(ranges) >= 0.83
@@ -122,7 +122,7 @@ def test_placements_of_a_rough_guideway_do_not_contradict_one_another(tmp_path: 
         result = calibrate_straightness(job, "EYX", Mirror(3.2, 1e-9), Reading(NOISE))
         x = result.spliced.positions
         error = result.spliced.straightness().deviations - level(x, np.interp(x, grid, walk))
-        points.append(np.mean(np.abs(error) < 2 * result.uncertainty))
+        points.append(np.mean(np.abs(error) < 2 * result.doubts.uncertainty))
         refused += not result.written
     assert np.mean(points) >= 0.95
     assert refused <= 1

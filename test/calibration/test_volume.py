@@ -81,8 +81,6 @@ def test_map_of_the_grinder_is_its_error_matrix() -> None:
     # Y stands in the middle of its travel, where its own straight-line error is zero.
     np.testing.assert_allclose(chart.position_error, np.abs(curves[0][:, None] + curves[1][None, :]), atol=1e-12)
     np.testing.assert_allclose(chart.orientation_error, 0.0, atol=1e-12)
-    held = estimate_volumetric_map(grinder, ("X", "Z"), held={"Y": 0.55}, count=9)
-    assert np.abs(held.position_error - chart.position_error).max() > 1e-9
 
 
 DRAWS = 2000

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from draws import seeds
 
+from rotary_error_monitor.blind_check.cases import draw_machine
 from rotary_error_monitor.cases import making as cases
 from rotary_error_monitor.cases.case_faults import AMOUNT, LOUDEST, Kind
-from rotary_error_monitor.cases.draws import draw_machine, machine_faults, stage_faults
+from rotary_error_monitor.cases.draws import machine_faults, stage_faults
 from rotary_error_monitor.cases.faults import make_fault
 from rotary_error_monitor.cases.making import make_machine_case, make_stage_case
 from rotary_error_monitor.description.machine import load_machine
@@ -105,8 +106,7 @@ def test_machine_case_is_seeded_and_as_large_as_told(rough: bool) -> None:
 
 
 def test_drawn_machines_have_usual_errors_and_no_slope_in_straightness() -> None:
-    machine = load_machine("pan2013")
-    drawn, other = (draw_machine(machine, np.random.default_rng(seed)) for seed in (1, 2))
+    drawn, other = (draw_machine(seed) for seed in (1, 2))
     assert drawn.errors != other.errors
     assert len(drawn.errors) == 30
     assert drawn.errors["EYX"].poly[1] == 0 != drawn.errors["EXX"].poly[1]
@@ -148,7 +148,7 @@ def test_a_fault_drawn_so_large_that_a_head_looks_past_the_ring_is_made_smaller(
 @pytest.mark.parametrize("rough", [False, True])
 @pytest.mark.parametrize("seed", seeds(3))
 def test_of_a_loud_pair_one_is_far_louder_and_the_other_well_above_noise(seed: int, rough: bool) -> None:
-    machine = draw_machine(load_machine("pan2013"), np.random.default_rng(seed))
+    machine = draw_machine(seed)
     stage = make_stage_case(
         seed, "pair", ["encoder_latency", "mirror_flatness"], (100.0, 300.0), rough, loudness=(30.0, 1000.0)
     )

@@ -66,8 +66,7 @@ def test_a_mechanism_is_off_at_no_strength_and_told_in_words(effect: str, kind: 
     assert weak < 0.3 * strong or kind in WITHOUT_SMALL_LIMIT
     assert SHARES[0] < strong < 0.95
     assert len(case.departure.words) > 10
-    larger = case.scaled(2.0)
-    assert larger.departure == case.departure
+    larger = replace(case, textbook=case.textbook.scaled(2.0))
     assert response.size((larger,)) == pytest.approx(2 * response.size((case,)), rel=0.1)
 
 

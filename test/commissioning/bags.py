@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import yaml
+from described_stages import stage_of
 from world.newly_built import NewlyBuilt
 from world.recording import Recording
 
 from rotary_error_monitor.bags.writer import write_messages
 from rotary_error_monitor.cli import main
-from rotary_error_monitor.description.stage import stage_from_mapping
 from rotary_error_monitor.description.wire import wire_of
 
 
@@ -19,9 +19,7 @@ def written(built: NewlyBuilt, folder: Path, recording: Recording | None = None)
     bag, nominal = folder / "bag", folder / "nominal.yaml"
     nominal.write_text(yaml.safe_dump({"stage": built.nominal}, sort_keys=False), encoding="utf-8")
     blocks = (recording or built.recording).blocks
-    write_messages(
-        bag, {topic: each for topic, each in blocks.items() if each}, wire_of(stage_from_mapping(built.nominal))
-    )
+    write_messages(bag, {topic: each for topic, each in blocks.items() if each}, wire_of(stage_of(built.nominal)))
     return bag, nominal
 
 

@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 import rclpy
+from described_stages import stage_of
 from geometry_msgs.msg import Vector3Stamped
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
@@ -29,7 +30,6 @@ from sensor_msgs.msg import JointState
 from world.newly_built import NewlyBuilt, build
 from world.recording import AUTOCOLLIMATOR, COMMAND, head_topic, samples
 
-from rotary_error_monitor.description.stage import stage_from_mapping
 from rotary_error_monitor.description.wire import Topic, wire_of
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.qos import profile
@@ -86,7 +86,7 @@ class Drivers:
         self._rng = np.random.default_rng(1)
         self._start_ns = built.recording.start_ns
         self._channels = []
-        wire = wire_of(stage_from_mapping(built.nominal)).within(namespace)
+        wire = wire_of(stage_of(built.nominal)).within(namespace)
         for topic, recorded in built.recording.blocks.items():
             times, values = samples(recorded)
             name = topic.split("/")[2]

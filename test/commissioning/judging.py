@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from described_stages import stage_of
 from world.newly_built import NewlyBuilt
 from world.recording import AUTOCOLLIMATOR, COMMAND, Recording, head_topic
 
 from rotary_error_monitor.commissioning.commission import Commissioning, commission
 from rotary_error_monitor.commissioning.found import Stated, Value
 from rotary_error_monitor.commissioning.streams import Recorded, join_blocks
-from rotary_error_monitor.description.stage import stage_from_mapping
 
 LOUD = "is noisier than described"
 LAGS = "the rotation follows its command"
@@ -51,7 +51,7 @@ def judge(
     mirrored: bool = False,
 ) -> Judged:
     """Commission a stage whose recording went through `change`, by which `expected` is said beside what is built."""
-    stage = stage_from_mapping(built.nominal)
+    stage = stage_of(built.nominal)
     recording = built.recording if change is None else change(built.recording)
     streams = {
         topic.split("/")[2]: join_blocks(blocks, blocks[0].names[1:]) for topic, blocks in recording.blocks.items()
@@ -62,7 +62,9 @@ def judge(
     heads = built.true["encoder"]["heads"]
     letters = list(heads)
     truly = _layout(built), heads[letters[0]]["sign"], mirrored
-    possible = [(each.layout.places, each.layout.sense, each.layout.mirrored) for each in result.possible]
+    possible = [
+        (each.layout.places, each.layout.sense, each.layout.mirrored) for each in (result.likeliest, *result.others)
+    ]
     right = truly == possible[0]
     return Judged(
         result,

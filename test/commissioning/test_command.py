@@ -7,13 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from described_stages import stage_of
 from draws import seeds
 from world.newly_built import NewlyBuilt, build, in_unit, mirrored
 from world.recording import COMMAND, Recording, head_topic
 
 from commissioning.bags import run, written
 from rotary_error_monitor.commissioning.stage_file import commission_stage
-from rotary_error_monitor.description.stage import StageDescription, load_stage, stage_from_mapping
+from rotary_error_monitor.description.stage import StageDescription, load_stage
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.recordings.replay import replay_bag
 from rotary_error_monitor.resources import config
@@ -91,7 +92,7 @@ def test_the_estimator_is_right_by_the_file_that_is_written(seed: int, tmp_path:
     bag, nominal = written(built, tmp_path)
     assert run(bag, nominal, tmp_path / "stage.yaml") == 0
     error = motion_error(built, bag, load_stage(tmp_path / "stage.yaml"))
-    noise = motion_error(built, bag, stage_from_mapping(built.true))
+    noise = motion_error(built, bag, stage_of(built.true))
     assert error < np.hypot(noise, 0.1e-6)
 
 

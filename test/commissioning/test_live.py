@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from described_stages import stage_of
 from world.newly_built import NewlyBuilt
 from world.recording import AUTOCOLLIMATOR, COMMAND, head_topic
 
@@ -27,7 +28,7 @@ from commissioning.drivers import built_stage
 from commissioning.test_command import motion_errors
 from commissioning.typed import Attempt, Place, Running, commissioned
 from rotary_error_monitor.bags.reader import BagReader
-from rotary_error_monitor.description.stage import StageDescription, load_stage, stage_from_mapping
+from rotary_error_monitor.description.stage import StageDescription, load_stage
 from rotary_error_monitor.resources import config
 from rotary_error_monitor.testing.domains import own_domain
 
@@ -172,7 +173,7 @@ def truly(built: NewlyBuilt) -> StageDescription:
         place["latency"] += clocks[topic]["offset"] + 2e-5  # none is negative, and what all are late by shows nowhere
     for head in places.values():
         head["azimuth"] = math.remainder(head["azimuth"], 2 * math.pi)
-    return stage_from_mapping(section)
+    return stage_of(section)
 
 
 def check_file(file: Path, attempt: Attempt, built: NewlyBuilt, height: float) -> None:

@@ -9,13 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from described_stages import stage_of
 from draws import seeds
 from world.newly_built import NewlyBuilt, build
 
 from commissioning.bags import run, written
 from commissioning.judging import Judged, judge
 from commissioning.test_command import motion_error
-from rotary_error_monitor.description.stage import load_stage, stage_from_mapping
+from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.metrology.periodic_curves import angular_values
 
 SEEDS = seeds(10)
@@ -80,7 +81,7 @@ def test_the_estimator_is_right_by_the_file_that_is_written(seed: int, tmp_path:
     assert found.ring.graduation_table == before.ring.graduation_table and not found.ring.graduation
     assert found.mirror.flatness_table == before.mirror.flatness_table
     error = motion_error(built, bag, found)
-    noise = motion_error(built, bag, stage_from_mapping(built.true))
+    noise = motion_error(built, bag, stage_of(built.true))
     assert error < np.hypot(noise, 0.1e-6)
 
 

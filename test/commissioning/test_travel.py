@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from described_stages import stage_of
 from draws import seeds
 from world.newly_built import COMMAND, build, head_topic, in_unit, wrapped
 from world.recording import Recording
 
 from rotary_error_monitor.commissioning.travel import ENOUGH, Travel, TravelWatch
-from rotary_error_monitor.description.stage import stage_from_mapping
 from rotary_error_monitor.signals.blocks import SampleBlock
 
 DEGREES = 180 / np.pi
@@ -18,7 +18,7 @@ REST = 4.0
 
 
 def watched(built, recording: Recording, until: float = np.inf, rest: bool = True) -> Travel:
-    watch = TravelWatch(stage_from_mapping(built.nominal))
+    watch = TravelWatch(stage_of(built.nominal))
     end = recording.start_ns + min(until, recording.duration) * 1e9
     for topic, blocks in recording.blocks.items():
         stream = topic.split("/")[2]

@@ -11,7 +11,7 @@ import pytest
 from rotary_error_monitor.dashboard import cards
 from rotary_error_monitor.dashboard.board import Board
 from rotary_error_monitor.dashboard.cards import PARTS, Clock, Drawn
-from rotary_error_monitor.dashboard.health import Severity, Status
+from rotary_error_monitor.dashboard.health import Severity, Status, verdict_of
 from rotary_error_monitor.dashboard.model import CellModel
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
@@ -92,8 +92,8 @@ def test_what_is_old_is_greyed_and_says_so():
     assert "old" in parts["figures"] and "2 s old" in parts["figures"]
     assert "class='drawing old'" in parts["polar"]
     assert "no error motion has come for 1.7 s" in Words(parts["verdict"]).text
-    assert model.verdict(0.5).severity == Severity.OK
-    assert model.verdict(1.7).severity == Severity.FAULT
+    assert verdict_of(model.rows(0.5)).severity == Severity.OK
+    assert verdict_of(model.rows(1.7)).severity == Severity.FAULT
 
 
 def test_tool_offset_before_and_after():

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from described_stages import stage_of
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 from motion_numbers import numbers_of
@@ -24,7 +25,7 @@ from rotary_error_monitor.description.machine import (
     machine_mapping,
 )
 from rotary_error_monitor.description.machine_section import MachineSection
-from rotary_error_monitor.description.stage import StageDescription, load_stage, stage_from_mapping
+from rotary_error_monitor.description.stage import StageDescription, load_stage
 from rotary_error_monitor.description.stage_section import PARAMETERS, StageSection
 from rotary_error_monitor.description.wire import load_wire, markdown_table
 from rotary_error_monitor.description.wire_section import WireSection
@@ -120,7 +121,7 @@ def stages(draw: st.DrawFn) -> Any:
 def test_every_stage_that_does_not_contradict_itself_can_be_used(content: Any, folder: Path) -> None:
     stage = load("stage", content, folder)
     assert isinstance(stage, StageDescription)
-    assert stage_from_mapping(stage_mapping(stage)) == stage
+    assert stage_of(stage_mapping(stage)) == stage
     try:
         estimator = Estimator(stage)
     except InputError:

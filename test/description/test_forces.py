@@ -6,9 +6,10 @@ from pathlib import Path
 
 import pytest
 import yaml
+from described_stages import stage_of
 from description.test_thermometers import line_of
 
-from rotary_error_monitor.description.stage import load_stage, stage_from_mapping
+from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.description.wire import wire_of
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.resources import config
@@ -35,7 +36,7 @@ def test_forces_are_inputs_and_the_only_one_is_that_on_the_shaft(tmp_path):
     cell = stage.inputs["force_nose"]
     assert (cell.zeros, cell.gain, cell.place) == ((3.0, -4.0), -1.5, {"azimuth": 0.3, "axes": 1})
     assert stage.response("force_nose").latency == 0.002
-    assert stage_from_mapping(stage_mapping(stage)) == stage
+    assert stage_of(stage_mapping(stage)) == stage
     names = wire_of(stage).names
     assert {"/stage/force_nose/samples", "/stage/force_nose/wrench", "/stage/force/samples"} <= set(names)
 
@@ -43,7 +44,7 @@ def test_forces_are_inputs_and_the_only_one_is_that_on_the_shaft(tmp_path):
 def test_of_two_forces_the_file_names_which(tmp_path):
     stage = load_stage(written(tmp_path, {"nose": CELL, "plate": CELL}, ["plate"]))
     assert stage.shaft_forces == ("force_plate",) and len(stage.forces) == 2
-    assert stage_from_mapping(stage_mapping(stage)) == stage
+    assert stage_of(stage_mapping(stage)) == stage
     both = load_stage(written(tmp_path, {"nose": CELL, "plate": CELL}, ["plate", "nose"]))
     assert both.shaft_forces == ("force_plate", "force_nose")
 
@@ -78,7 +79,7 @@ def test_what_cannot_be_is_refused_with_its_line(sensors, force, word, told, tmp
 def test_a_sensor_of_two_fields_without_a_zero_can_be_written_back(tmp_path):
     level = {"kind": "tilt_sensor", "noise": 1e-7, "resolution": 1e-7, "range": 1e-3, "uncertainty": 1e-6}
     stage = load_stage(written(tmp_path, {"level": level}))
-    assert stage_from_mapping(stage_mapping(stage)) == stage and stage.sensors["tilt_sensor_level"].zeros == (0.0, 0.0)
+    assert stage_of(stage_mapping(stage)) == stage and stage.sensors["tilt_sensor_level"].zeros == (0.0, 0.0)
 
 
 def test_the_example_of_the_page_can_be_read(tmp_path):

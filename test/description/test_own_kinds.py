@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 import yaml
+from described_stages import stage_of
 
-from rotary_error_monitor.description.stage import Response, load_stage, stage_from_mapping, stage_mapping
+from rotary_error_monitor.description.stage import Response, load_stage, stage_mapping
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.resources import config
 
@@ -50,7 +51,7 @@ def test_heads_may_stand_in_both(tmp_path):
     assert (whole.response("head_a").zero, whole.response("head_b").gain) == ((2.7,), -1.0)
     assert whole.response("autocollimator").gain == 1.02 and whole.lvdt.height == 0.016
     assert whole.response("command") == Response((0.3, 0.0), -2.5, latency=1e-4)
-    assert stage_from_mapping(stage_mapping(whole)) == whole, "sign and gain are written apart"
+    assert stage_of(stage_mapping(whole)) == whole, "sign and gain are written apart"
     mixed = LISTED.replace(RING, RING + ", heads: {d: {azimuth: 4.7}}")
     assert {*load_text(tmp_path, mixed).azimuths} == {"a", "b", "c", "d"}
 

@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from described_stages import stage_of
 
-from rotary_error_monitor.description.stage import load_stage, stage_from_mapping, stage_mapping
+from rotary_error_monitor.description.stage import load_stage, stage_mapping
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.resources import config
 
@@ -61,7 +62,7 @@ def test_a_table_in_a_file_is_the_same_as_one_that_stands_there(tmp_path: Path) 
     assert mirror.uncertainties == () and mirror.uncertainty == 0.0
     written = {"angles": list(ring.angles), "values": list(ring.values), "uncertainties": list(ring.uncertainties)}
     assert load_stage(stage_file(tmp_path, written)).ring == stage.ring
-    assert stage_from_mapping(stage_mapping(stage)) == stage
+    assert stage_of(stage_mapping(stage)) == stage
 
 
 def test_the_uncertainty_of_a_table_is_that_over_the_turn(tmp_path: Path) -> None:
@@ -150,8 +151,6 @@ def test_what_is_wrong_with_a_file_as_a_whole(tmp_path: Path) -> None:
     both = stage_file(tmp_path, {"file": "ring.csv", **inline(EVEN, ZERO)})
     with pytest.raises(InputError, match=r"stage\.encoder\.graduation_table: .*expected: {file: NAME.csv} or {angles"):
         load_stage(both)
-    with pytest.raises(InputError, match=r"'file' was unexpected"):
-        stage_from_mapping(yaml.safe_load(path.read_text(encoding="utf-8"))["stage"])
 
 
 @pytest.mark.parametrize(

@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from described_stages import stage_of
 
 from rotary_error_monitor.description.response import IDEAL, Response
-from rotary_error_monitor.description.stage import Autocollimator, load_stage, stage_from_mapping
+from rotary_error_monitor.description.stage import Autocollimator, load_stage
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.responses import correct_block
 from rotary_error_monitor.metrology.tilt import check_saturation
@@ -102,7 +103,7 @@ def test_the_example_of_the_documentation_is_read():
     rows = yaml.safe_load(example)
     encoder = {"disc_radius": 0.1, "lines_per_revolution": 31488, "counts_per_line": 100, "noise": 3e-7}
     content = {"encoder": encoder | {"heads": rows["heads"]}, "autocollimator": rows["autocollimator"]}
-    assert set(stage_from_mapping(content).responses) == {"head_a", "head_b", "autocollimator"}
+    assert set(stage_of(content).responses) == {"head_a", "head_b", "autocollimator"}
 
 
 def described(folder, **changes):
@@ -141,7 +142,7 @@ def test_a_file_says_how_its_instruments_answer_and_is_written_back(tmp_path):
     assert stage.response("head_b") is IDEAL
     assert stage.sensors["axial_probe_top"].zero == 1e-6, "stays a parameter of the sensor"
     assert "latency" not in stage.sensors["axial_probe_top"].place
-    assert stage_from_mapping(stage_mapping(stage)) == stage
+    assert stage_of(stage_mapping(stage)) == stage
     assert stage_mapping(stage)["encoder"]["heads"]["b"] == {"azimuth": stage.encoder.azimuths["b"]}
 
 
@@ -230,7 +231,7 @@ def test_a_file_states_a_distortion_and_is_written_back(tmp_path):
     rows = {"gain_difference": 0.04, "cross_coupling": -0.02, "cubic": [-2e4, 3e4]}
     stage = load_stage(described(tmp_path, autocollimator=rows))
     assert stage.response("autocollimator") == Response((0.0, 0.0), 1.0, 0.0, 0.0, 0.04, -0.02, (-2e4, 3e4))
-    assert stage_from_mapping(stage_mapping(stage)) == stage
+    assert stage_of(stage_mapping(stage)) == stage
     assert {name: stage_mapping(stage)["autocollimator"][name] for name in rows} == rows
     straight = load_stage(described(tmp_path, autocollimator={"cubic": [0.0, 0.0], "gain": 2.0}))
     assert straight.response("autocollimator") == Response((0.0, 0.0), 2.0)

@@ -6,8 +6,9 @@ import re
 
 import pytest
 import yaml
+from described_stages import stage_of
 
-from rotary_error_monitor.description.stage import load_stage, stage_from_mapping
+from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.description.wire import wire_of
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.resources import config
@@ -40,7 +41,7 @@ def test_thermometers_are_inputs_and_probes_are_sensors(tmp_path):
     assert stage.thermometers == {"bearing": "thermometer_bearing", "housing": "thermometer_housing"}
     assert tuple(stage.listed) == ("axial_probe_nose", "thermometer_bearing", "thermometer_housing")
     assert stage.inputs["thermometer_bearing"].zeros == (0.5,)
-    assert stage_from_mapping(stage_mapping(stage)) == stage
+    assert stage_of(stage_mapping(stage)) == stage
     names = wire_of(stage).names
     assert "/stage/thermometer_bearing/samples" in names and "/stage/thermometer_bearing/temperature" in names
 

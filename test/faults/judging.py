@@ -7,10 +7,11 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
+from described_stages import stage_of
 from numpy.typing import NDArray
 from world import Options, Recording, make_recording
 
-from rotary_error_monitor.description.stage import StageDescription, stage_from_mapping
+from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.error_motion import COMPONENTS, ErrorMotion
 from rotary_error_monitor.pipeline.estimation import Estimator
@@ -80,7 +81,7 @@ def judge(
         bound: what of the error of components (m, rad) cannot be told from the stage by its nature.
         own_clock: what the estimator's own clock shows (ns) at the time of an arrival, where it was set.
     """
-    stage = stage_from_mapping(section)
+    stage = stage_of(section)
     estimator, parts = Estimator(stage), []
     doubted: dict[str, str] = {}
     awake = 0

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from pushed_inputs import push_error_motion
 
 from rotary_error_monitor.description.machine import MachineDescription, load_machine
 from rotary_error_monitor.errors import InputError
@@ -125,7 +126,7 @@ def run(
                 compensator.accept_joint_state(START + ms * MS + round(ahead(t) * 1e9), *state)
             except InputError as error:
                 found.said.append((t, str(error)))
-        result = compensator.push_error_motion(machine.error_motion(ms))
+        result = push_error_motion(compensator, machine.error_motion(ms))
         for correction in result.corrections:
             found.corrections[correction.stamp_ns] = correction
             if correction.report is not None:

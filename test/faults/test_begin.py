@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from described_stages import stage_of
 from draws import seeds
 from world import Options, make_recording, random_stage
 
 from faults.judging import judge
 from faults.recordings import MOST_WRONG
-from rotary_error_monitor.description.stage import stage_from_mapping
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.estimation import Estimator
 from rotary_error_monitor.pipeline.verdict import DOUBTS
@@ -38,7 +38,7 @@ def test_heads_that_are_back_before_the_command_are_still_where_they_were(seed, 
     section = next(each for each in drawn if len(each["encoder"]["heads"]) > 3 and "mirror" in each)
     options = Options(motion="steady", odd_rates=False, peak_speed=3.0, clock_wander=0.0, lost_blocks=0.0)
     recording = make_recording(seed, duration=8.0, stage=section, options=options)
-    estimator, parts = Estimator(stage_from_mapping(section)), []
+    estimator, parts = Estimator(stage_of(section)), []
     for _, topic, block in recording.timeline():
         name = topic.split("/")[2]
         at = (int(block.times_ns[-1]) - recording.start_ns) * 1e-9 if len(block.rows) else 5.0
@@ -61,7 +61,7 @@ def test_a_command_that_is_away_for_a_moment_is_as_late_as_before(seed):
     section = next(each for each in drawn if len(each["encoder"]["heads"]) > 3 and "mirror" in each)
     options = Options(motion="both_directions", odd_rates=False, peak_speed=3.0, clock_wander=0.0, lost_blocks=0.0)
     recording = make_recording(seed, duration=16.0, stage=section, options=options)
-    estimator, parts = Estimator(stage_from_mapping(section)), []
+    estimator, parts = Estimator(stage_of(section)), []
     for _, topic, block in recording.timeline():
         name = topic.split("/")[2]
         if name not in estimator.inputs or len(block.rows) == 0:

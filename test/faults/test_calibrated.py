@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from described_stages import stage_of
 from draws import seeds
 from world import Options, Recording, make_recording, random_stage
 
 from faults.judging import Judgement, judge
 from faults.recordings import MOST_WRONG
-from rotary_error_monitor.description.stage import stage_from_mapping
 
 UNCERTAINTY = {"encoder.eccentricity": 1e-8, "mirror.tilt": 1e-7}
 SEEDS = seeds(6)
@@ -52,7 +52,7 @@ def described(seed: int, change: Callable[[Stage, int], None] | None = None) -> 
 
 def mounted_anew(section: Stage, seed: int) -> None:
     """Ring and mirror sit elsewhere, by some tenths of what the stage can move."""
-    generator, limits = np.random.default_rng(seed), stage_from_mapping(section).limits
+    generator, limits = np.random.default_rng(seed), stage_of(section).limits
     for part, key, size in (("encoder", "eccentricity", limits.radial), ("mirror", "tilt", limits.tilt)):
         size, angle = generator.uniform(0.1, 0.45) * size, generator.uniform(0.0, 2.0 * np.pi)
         x, y = section[part][key]
@@ -88,7 +88,7 @@ def test_a_calibration_that_holds_stays_as_certain():
     """Of what is beside the description in a turn, pushes and noise among it, next to nothing counts."""
     judged = 0
     for seed in SEEDS:
-        found, truth = described(seed), stage_from_mapping(stage(seed))
+        found, truth = described(seed), stage_of(stage(seed))
         belief, reading = found.estimator.belief, truth.encoder.noise + truth.encoder.resolution
         assert found.worst <= MOST_WRONG
         assert not found.doubted

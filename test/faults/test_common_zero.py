@@ -6,12 +6,12 @@ from functools import cache
 
 import numpy as np
 import pytest
+from described_stages import stage_of
 from world import Options, Recording, make_recording, random_stage
 
 from faults.documenting import Row, shows
 from faults.judging import Judgement, judge
 from faults.recordings import MOST_WRONG
-from rotary_error_monitor.description.stage import stage_from_mapping
 from rotary_error_monitor.signals.blocks import SampleBlock
 
 SEEDS = range(5)
@@ -73,7 +73,7 @@ def test_a_silence_without_loss_costs_nothing_but_itself():
         assert not found.doubted and found.worst <= MOST_WRONG
         assert found.available["ecc"] > without.available["ecc"] - (GAP + 0.4) / DURATION
         # what remains of it is no more than the rotor's own jitter about its command
-        limits = stage_from_mapping(recorded(seed).stage).limits
+        limits = stage_of(recorded(seed).stage).limits
         assert found.estimator.belief.command.shift < 0.02 * limits.following_error, seed
 
 
@@ -92,7 +92,7 @@ def test_a_silence_without_loss_costs_nothing_but_itself():
 @pytest.mark.parametrize("off", [3e-4, -3e-4, 2e-5])
 def test_counts_that_all_heads_lose_at_once_are_a_step_or_within_what_is_stated(off):
     for seed in SEEDS:
-        found, limits = judged(seed, off, gap=0.0), stage_from_mapping(recorded(seed).stage).limits
+        found, limits = judged(seed, off, gap=0.0), stage_of(recorded(seed).stage).limits
         others = {name: part for name, part in found.wrong.items() if name != "ecc"}
         assert max(others.values()) <= MOST_WRONG, (seed, others)
         if abs(off) < 0.25 * limits.following_error:

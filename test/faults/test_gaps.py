@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from described_stages import stage_of
 from draws import seeds
 from motion_numbers import assert_same_bits, decisions_of
 from world import Options, Recording, make_recording, random_stage
@@ -14,7 +15,6 @@ from world.recording import head_topic
 from faults.documenting import Row, shows
 from faults.judging import Judgement, judge, stream_of
 from faults.recordings import MOST_WRONG
-from rotary_error_monitor.description.stage import stage_from_mapping
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.estimation import Estimator
 from rotary_error_monitor.pipeline.publication import Decisions
@@ -64,7 +64,7 @@ def silent(recording: Recording, head: str, begin: float, end: float, off: float
 def judged(seed: int, layout: str, gap: float, size: float) -> Judgement:
     """The head falls silent for a time (s), and is off by so much after it, in what the stage can move at most."""
     recording, head = recorded(seed, layout)
-    off = size * stage_from_mapping(recording.stage).limits.radial / recording.stage["encoder"]["disc_radius"]
+    off = size * stage_of(recording.stage).limits.radial / recording.stage["encoder"]["disc_radius"]
     if gap > 0.0:
         recording = silent(recording, head, BEGIN, BEGIN + gap, off)
     return judge(recording, recording.stage)
@@ -100,7 +100,7 @@ def test_a_head_that_lost_counts_in_a_gap_is_not_believed(layout, gap):
 
 def estimates(recording: Recording, decisions: Decisions | None = None) -> ErrorMotion:
     """What an estimator publishes, or what it repeats."""
-    estimator, parts = Estimator(stage_from_mapping(recording.stage), decisions=decisions), []
+    estimator, parts = Estimator(stage_of(recording.stage), decisions=decisions), []
     for arrival, topic, block in recording.timeline():
         stream = stream_of(topic)
         if stream is not None and len(block.rows):
@@ -112,7 +112,7 @@ def estimates(recording: Recording, decisions: Decisions | None = None) -> Error
 @pytest.mark.parametrize("seed", [0, SEEDS[-1]])
 def test_a_replay_of_a_gap_is_what_went_out(seed, gap):
     recording, head = recorded(seed, "three heads")
-    off = 0.5 * stage_from_mapping(recording.stage).limits.radial / recording.stage["encoder"]["disc_radius"]
+    off = 0.5 * stage_of(recording.stage).limits.radial / recording.stage["encoder"]["disc_radius"]
     changed = silent(recording, head, BEGIN, BEGIN + gap, off)
     live = estimates(changed)
     assert_same_bits(estimates(changed, decisions_of(live)), live)

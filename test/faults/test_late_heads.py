@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from described_stages import stage_of
 from world import Options, Recording, make_recording, random_stage
 from world.fault import shifted
 from world.recording import head_topic
@@ -13,7 +14,6 @@ from world.recording import head_topic
 from faults.documenting import Row, shows
 from faults.judging import Judgement, judge
 from faults.recordings import MOST_WRONG
-from rotary_error_monitor.description.stage import stage_from_mapping
 
 SEEDS = range(6)
 DURATION = 12.0
@@ -66,7 +66,7 @@ def test_heads_that_are_late_alike_are_uncertain(delay):
 def test_heads_in_time_are_as_certain_as_ever():
     for seed in SEEDS:
         belief = judged(seed, 0.0).estimator.belief
-        limits = stage_from_mapping(recorded(seed).stage).limits
+        limits = stage_of(recorded(seed).stage).limits
         assert belief.ring.apart < 0.03 * limits.latency, seed
 
 

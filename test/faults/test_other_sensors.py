@@ -9,11 +9,11 @@ from functools import cache
 
 import numpy as np
 import pytest
+from described_stages import stage_of
 from world import Options, Recording, make_recording, random_stage
 
 from faults.judging import Judgement, judge
 from faults.recordings import MOST_WRONG
-from rotary_error_monitor.description.stage import stage_from_mapping
 from rotary_error_monitor.description.wire import load_wire
 from rotary_error_monitor.pipeline.estimation import Estimator
 
@@ -59,7 +59,7 @@ def test_heads_alone_are_rarely_published_less():
 def test_streams_have_the_bits_of_the_contract_whatever_the_stage_has():
     section = dict(recorded(0).stage)
     del section["autocollimator"]
-    estimator = Estimator(stage_from_mapping(section))
+    estimator = Estimator(stage_of(section))
     heads = tuple(section["encoder"]["heads"])
     field = load_wire(heads).topic("error_motion_samples").field("streams")
     assert estimator.inputs == (*(f"head_{head}" for head in heads), "command")
@@ -68,4 +68,4 @@ def test_streams_have_the_bits_of_the_contract_whatever_the_stage_has():
         name = topic.split("/")[2]
         if name in estimator.inputs and len(block.rows):
             masks += [made.streams for made in estimator.push(name, block)]
-    assert field.names_in(float(np.bitwise_or.reduce(np.concatenate(masks)))) == estimator.inputs
+    assert np.bitwise_or.reduce(np.concatenate(masks)) == field.mask(estimator.inputs)

@@ -9,13 +9,13 @@ from functools import cache
 
 import numpy as np
 import pytest
+from described_stages import stage_of
 from motion_numbers import assert_same_bits
 from world import Options, Recording, make_recording, random_stage, samples, with_probes, with_probes_alone
 
 from faults.documenting import Row, shows
 from faults.judging import TURNING
 from faults.test_without_heads import published, repeated, streams_of
-from rotary_error_monitor.description.stage import stage_from_mapping
 from rotary_error_monitor.pipeline.estimation import Estimator
 from rotary_error_monitor.signals.blocks import SampleBlock
 
@@ -63,7 +63,7 @@ def stuck(recording: Recording, velocity: str) -> tuple[Recording, float]:
 
 def run(recording: Recording):
     """Times (s) of what is published, when (s) which streams were doubted first, and the estimator at the end."""
-    stage, named = stage_from_mapping(recording.stage), []
+    stage, named = stage_of(recording.stage), []
     estimator, doubted = Estimator(stage), {}
     for _, topic, block in recording.timeline():
         name = topic.split("/")[2]
@@ -93,7 +93,7 @@ def test_an_angle_that_stands_while_its_velocity_does_not_is_told_at_once(veloci
     told = 0
     for seed in SEEDS:
         recording, speed = stuck(recorded(seed, tilt), velocity)
-        limits = stage_from_mapping(recording.stage).limits
+        limits = stage_of(recording.stage).limits
         if abs(speed) < 0.5:  # it stands, or turns about
             continue
         explained = limits.following_error / (0.5 * abs(speed)) + limits.latency

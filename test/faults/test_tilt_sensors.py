@@ -7,12 +7,12 @@ from zlib import crc32
 
 import numpy as np
 import pytest
+from described_stages import stage_of
 from world import TILT_FAULTS, Options, Recording, make_recording, random_stage, with_probes, with_tilt_sensor
 
 from faults.documenting import Row, shows
 from faults.judging import Judgement, judge
 from faults.recordings import MOST_WRONG
-from rotary_error_monitor.description.stage import stage_from_mapping
 
 SEEDS = range(8)
 DURATION, BEGIN = 6.0, 4.0
@@ -52,7 +52,7 @@ def judged(seed: int, *, tilt: bool = True, second: bool = True, probes: bool = 
 def test_what_is_published_is_right(seed, tilt, probes):
     found = judged(seed, tilt=tilt, probes=probes)
     assert found.worst <= MOST_WRONG
-    listed = stage_from_mapping(recorded(seed, probes=probes).stage).sensors
+    listed = stage_of(recorded(seed, probes=probes).stage).sensors
     assert SECOND in listed and not found.doubted.keys() & set(listed)
 
 

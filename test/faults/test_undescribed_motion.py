@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from described_stages import stage_of
 from world import Options, make_recording, random_stage
 
 from faults.judging import TURNING, Judgement, judge
 from faults.recordings import MOST_WRONG
-from rotary_error_monitor.description.stage import stage_from_mapping
 
 STAGES = 8
 SPEEDS = (1.0, 4.0)
@@ -20,7 +20,7 @@ SPEEDS = (1.0, 4.0)
 
 def undescribed(section: Mapping[str, Any]) -> dict[str, Any]:
     """The description without error motion; its limits are of a bearing that may have it."""
-    known, limits = deepcopy(dict(section)), stage_from_mapping(section).limits
+    known, limits = deepcopy(dict(section)), stage_of(section).limits
     spindle = known["spindle"]
     stated = {name: getattr(limits, name) for name in ("radial", "tilt", "radial_rate", "tilt_rate")}
     for name in ("radial", "tilt"):

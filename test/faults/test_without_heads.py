@@ -12,13 +12,14 @@ from zlib import crc32
 
 import numpy as np
 import pytest
+from described_stages import stage_of
 from motion_numbers import assert_same_bits, decisions_of
 from world import PROBE_FAULTS, Options, Recording, make_recording, random_stage, with_probes, with_probes_alone
 
 from faults.documenting import Row, shows
 from faults.judging import Judgement, judge
 from faults.recordings import MOST_WRONG
-from rotary_error_monitor.description.stage import StageDescription, stage_from_mapping
+from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.estimation import Estimator
 from rotary_error_monitor.signals.blocks import SampleBlock
@@ -43,7 +44,7 @@ def recorded(seed: int) -> Recording:
 def streams_of(recording: Recording) -> tuple[StageDescription, list[tuple[str, SampleBlock]]]:
     """The stage as described, and what its estimator takes in the order of arrival."""
     named = [(topic.split("/")[2], block) for _, topic, block in recording.timeline()]
-    return stage_from_mapping(recording.stage), [
+    return stage_of(recording.stage), [
         (name, block) for name, block in named if name in ("command", *PROBES) and len(block.rows)
     ]
 
@@ -82,7 +83,7 @@ def test_the_uncertainty_of_the_rotation_is_what_the_limits_say():
     section = with_probes_alone(random_stage(2000), 2)
     recording = make_recording(2, duration=2.0, stage=section, options=Options(motion="steady", peak_speed=3.0))
     _, pairs = streams_of(recording)
-    lag = published(Estimator(stage_from_mapping(section)), pairs).lag
+    lag = published(Estimator(stage_of(section)), pairs).lag
     expected = np.sqrt(LIMITS.following_error**2 / 3 + 3.0**2 * (LIMITS.latency**2 / 3 + 2e-6**2))
     assert np.median(lag) == pytest.approx(expected, rel=1e-3) and lag.min() > 0.99 * expected
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from described_stages import stage_of
 from world import random_stage
 
 from faults.judging import TURN_OF_THE_NODE, record, stream_of
-from rotary_error_monitor.description.stage import stage_from_mapping
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.estimation import Estimator, EstimatorSettings
 from rotary_error_monitor.pipeline.verdict import DOUBTS
@@ -38,7 +38,7 @@ def unverified(seed, *, turned=0.0, command=True):
     section = random_stage(seed)
     recording = record(seed, section, 12.0)
     begin, end = (recording.start_ns + round(each * 1e9) for each in SILENT)
-    estimator, parts, awake = Estimator(stage_from_mapping(section), EstimatorSettings(check_turns=PART)), [], 0
+    estimator, parts, awake = Estimator(stage_of(section), EstimatorSettings(check_turns=PART)), [], 0
     for arrival, topic, block in recording.timeline():
         stream = stream_of(topic)
         head = stream is not None and stream.startswith("head_")

@@ -169,7 +169,7 @@ def test_uncertainty_grows_with_every_joint() -> None:
     guideway = Guideway(3, 6)
     result = splice_segments(guideway.segments(), Mirror(0.44, 0.08e-6), spacing=SPACING)
     middles = guideway.starts + 0.22
-    uncertainty = np.interp(middles, result.positions, result.standard_uncertainty)
+    uncertainty = np.interp(middles, result.positions, np.sqrt(np.diag(result.covariance)))
     assert np.all(np.diff(uncertainty) > 0)
     assert len(result.overlaps) == 5
     for overlap in result.overlaps:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from received_blocks import block_of
 
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.plant.stage import StagePlant
@@ -34,7 +35,7 @@ def assert_figures(figures: Sequence[Any], blocks: Sequence[Any], names: Sequenc
     """
     sent = {}
     for message in blocks:
-        block = messages.block_from_message(message)
+        block = block_of(message)
         shown = block.columns(names)[-1].copy()
         if hidden:
             seen = int(block.column("observable")[-1])

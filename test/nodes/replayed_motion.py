@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from received_blocks import block_of
 
 from rotary_error_monitor.codec.error_motion_blocks import error_motion_from_block
-from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.pipeline.estimation import EstimatorSettings
 from rotary_error_monitor.recordings.replayed import Replay
 
@@ -40,7 +40,7 @@ def assert_repeated(published: Sequence[Any], replayed: Replay) -> None:
     rows = 0
     same = 0
     for message in published:
-        block = messages.block_from_message(message)
+        block = block_of(message)
         components = error_motion_from_block(block).components
         for stamp, mask, row in zip(block.times_ns, block.column("streams"), components, strict=True):
             rows += int(stamp) <= recorded_until

@@ -11,6 +11,7 @@ import pytest
 from faults.documenting import Row, shows
 from kernels import computing_by
 from nodes.plant_samples import assert_figures
+from received_blocks import block_of
 from std_srvs.srv import Trigger
 
 from rotary_error_monitor.description.machine import load_machine
@@ -99,7 +100,7 @@ def test_corrections_null_the_offset(cell, plant, feed, corrections):
     assert list(corrections[-1].name) == ["X", "Y", "Z", "A", "C"]
     assert all(math.isfinite(value) for value in [*corrections[-1].position, *corrections[-1].velocity])
     feed.run_until(lambda: cell.has_status("compensation: correction", "correcting"), "a word that all is well")
-    block = messages.block_from_message(blocks[-1])
+    block = block_of(blocks[-1])
     assert block.names == ("t", *cell.wire.topic("tool_offset_samples").columns)
     assert_figures(figures, blocks, OFFSET)
 
@@ -118,7 +119,7 @@ def test_the_offset_is_that_of_the_model(cell, plant, feed):
         return len(blocks) > 3
 
     feed.run_until(told, "offsets")
-    block = messages.block_from_message(blocks[-1])
+    block = block_of(blocks[-1])
     command, _ = plant.motion.at((block.times_ns[:1] - plant.epoch_ns) * 1e-9)
     live = np.array([[2e-6, 0.0, np.nan, 0.0, 0.0, 0.0]])
     expected = predict_tool_offset(

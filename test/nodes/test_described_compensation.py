@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from faults.documenting import Row, shows
+from received_blocks import block_of
 from std_srvs.srv import Trigger
 
 from rotary_error_monitor.bags.reader import BagReader
@@ -37,9 +38,7 @@ def test_joint_states_alone_correct_y_and_a_replay_repeats_it(cell, tmp_path, ca
 
     cell.remove(compensation)
     last_ns = messages.ns_from_stamp(corrections[-1].header.stamp)
-    cell.wait_until(
-        lambda: messages.block_from_message(offsets[-1]).times_ns[-1] >= last_ns, "the offset of the last correction"
-    )
+    cell.wait_until(lambda: block_of(offsets[-1]).times_ns[-1] >= last_ns, "the offset of the last correction")
     cell.remove(recorder)
     out = tmp_path / "out.npz"
     assert main(["replay", str(bag), "--machine", GRINDER, "-o", str(out)]) == 0

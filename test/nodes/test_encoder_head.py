@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from nodes.plant_samples import assert_samples
+from received_blocks import block_of
 from sensor_msgs.msg import JointState
 
 from rotary_error_monitor.errors import InputError
@@ -21,7 +22,7 @@ def test_blocks_are_those_of_the_plant_and_end_together(cell, plant):
     blocks = cell.collect(topic)
     cell.run(EncoderHead, "encoder_head_b", rate=10_000.0, source="mock")
     cell.wait_until(lambda: len(blocks) >= 5, "blocks")
-    found = [messages.block_from_message(message) for message in blocks]
+    found = [block_of(message) for message in blocks]
     for block in found:
         assert block.stamp_ns // BLOCK_NS == int(block.times_ns[-1]) // BLOCK_NS
         assert len(block.rows) == 500
@@ -40,7 +41,7 @@ def test_two_processes_see_the_same_rotor(cell, plant):
         cell.start("encoder_head", f"encoder_head_{head}", source="mock")
     cell.wait_until(lambda: all(len(each) > 2 for each in blocks), "blocks of both")
     for head, received in zip("ab", blocks, strict=True):
-        block = messages.block_from_message(received[-1])
+        block = block_of(received[-1])
         assert_samples(block, plant, f"head_{head}")
 
 
@@ -74,7 +75,7 @@ def test_joint_states_of_a_third_party_driver(cell):
         message.header.stamp = stamp
         driver.publish(message)
     cell.wait_until(lambda: sum(block.width for block in blocks) == 8, "all samples")
-    found = [messages.block_from_message(block) for block in blocks]
+    found = [block_of(block) for block in blocks]
     angles = np.concatenate([block.column("angle") for block in found])
     np.testing.assert_allclose(angles, 2.5 + 0.3 * np.arange(8), atol=1e-12)
     assert found[0].stamp_ns == start
@@ -103,7 +104,7 @@ def test_bytes_that_are_no_message_of_the_driver_are_refused_and_the_next_is_tak
     message.header.stamp = cell.node.get_clock().now().to_msg()
     driver.publish(message)
     cell.wait_until(lambda: bool(blocks), "the sample")
-    assert messages.block_from_message(blocks[0]).column("angle").tolist() == [0.25]
+    assert block_of(blocks[0]).column("angle").tolist() == [0.25]
 
 
 def test_a_counter_in_sysfs(cell, tmp_path):
@@ -112,7 +113,7 @@ def test_a_counter_in_sysfs(cell, tmp_path):
     cell.run(EncoderHead, "encoder_head_a", source="counter", counter__device=str(tmp_path), poll_rate=200.0)
     cell.wait_until(lambda: any(block.width > 1 for block in blocks), "a block of several samples")
     for message in blocks:
-        np.testing.assert_allclose(messages.block_from_message(message).column("angle"), math.pi / 2)
+        np.testing.assert_allclose(block_of(message).column("angle"), math.pi / 2)
     (tmp_path / "count").unlink()
     status = cell.wait_for_status("encoder_head_a: refused counter", "no count can be read")
     assert status.level == b"\x02"

@@ -11,6 +11,7 @@ from faults.documenting import Row, shows
 from faults.live.other_programs import check, lost_time
 from nodes.plant_samples import assert_figures
 from rclpy.serialization import deserialize_message
+from received_blocks import block_of
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 
@@ -49,7 +50,7 @@ def check_against_truth(received, plant):
     """Every component that is claimed to be observable is right, the others are zero."""
     bounds: dict[str, list[float]] = {}
     for message in received:
-        block = messages.block_from_message(message)
+        block = block_of(message)
         truth = plant.scene((block.times_ns - plant.epoch_ns) * 1e-9).error_motion
         bits = block.column("observable").astype(int)
         for index, name in enumerate(COMPONENTS):
@@ -66,12 +67,12 @@ def check_against_truth(received, plant):
 
 
 def newest_mask(received):
-    return int(messages.block_from_message(received[-1]).column("streams")[-1])
+    return int(block_of(received[-1]).column("streams")[-1])
 
 
 def whole_ns(received):
     """Stamp (ns) of the first estimate that all streams were used for; 0 where there is none yet."""
-    for block in map(messages.block_from_message, received):
+    for block in map(block_of, received):
         whole = block.times_ns[block.column("streams") == 0b111111]
         if whole.size:
             return int(whole[0])
@@ -103,7 +104,7 @@ def test_radial_error_motion_goes_out_at_the_heights_that_are_named(cell, sensor
     cell.run(ErrorEstimator, "error_estimator", period=PERIOD, check_turns=0.0, heights=heights)
     cell.wait_until(lambda: len(received) > 10 and len(figures) > 4, "radial error motion at heights")
     for message in received[2:]:
-        block = messages.block_from_message(message)
+        block = block_of(message)
         height, seen = block.column("height"), block.column("observable") == 1.0
         assert height.tolist() == heights * (len(height) // 2)
         motion = plant.scene((block.times_ns - plant.epoch_ns) * 1e-9).error_motion
@@ -115,7 +116,7 @@ def test_radial_error_motion_goes_out_at_the_heights_that_are_named(cell, sensor
     latest = figures[-1]
     assert list(latest.name) == [f"radial_{axis}_at_{place}mm" for place in ("16", "minus_60") for axis in "xy"]
     stamped = {messages.ns_from_stamp(message.header.stamp) for message in figures}
-    blocks = [messages.block_from_message(message) for message in received]
+    blocks = [block_of(message) for message in received]
     same = [block for block in blocks if int(block.times_ns[-1]) in stamped]
     assert same
     shown = {messages.ns_from_stamp(message.header.stamp): message for message in figures}[int(same[-1].times_ns[-1])]
@@ -158,7 +159,7 @@ def test_heads_die_one_after_another(cell, estimates, sensors, plant):
     cell.wait_for_status("error_estimator: estimate", "without head_a")
     cell.wait_for_status("error_estimator: /stage/head_a/samples", "stale")
     cell.wait_until(lambda: newest_mask(estimates) & 0b1111 == 0b1110, "estimates from three heads")
-    assert int(messages.block_from_message(estimates[-1]).column("observable")[-1]) & 0b11 == 0b11
+    assert int(block_of(estimates[-1]).column("observable")[-1]) & 0b11 == 0b11
 
     cell.remove(sensors["head_b"])
     cell.wait_for_status("error_estimator: estimate", "not observable: eyc")
@@ -275,7 +276,7 @@ def test_a_head_that_contradicts_the_others_is_told_and_left_out(cell, estimates
     assert "redundancy is lost" in status.message
     # Between the samples before and after the jump, a small part of it may pass for noise.
     near = (jump_ns - 60_000_000, jump_ns + 100_000_000)
-    spans = [messages.block_from_message(each).times_ns[[0, -1]] for each in estimates]
+    spans = [block_of(each).times_ns[[0, -1]] for each in estimates]
     away = [each for each, (a, b) in zip(estimates, spans, strict=True) if b <= near[0] or near[1] <= a]
     assert check_against_truth(away, plant) == {"exc", "eyc", "eac", "ebc", "ecc"}
 

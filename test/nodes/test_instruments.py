@@ -16,6 +16,7 @@ from faults.documenting import Row, shows
 from geometry_msgs.msg import Vector3Stamped
 from nodes.plant_samples import assert_sample, assert_samples
 from ports import free_port
+from received_blocks import block_of
 from sensor_msgs.msg import JointState
 
 from rotary_error_monitor.description.machine import load_machine
@@ -37,7 +38,7 @@ def test_mock_instrument(cell, plant, node_class, name, people):
     vectors = cell.collect(cell.wire.topic(f"{name}_{people}"))
     cell.run(node_class, name, source="mock")
     cell.wait_until(lambda: len(blocks) > 2 and len(vectors) > 0, "blocks and vectors")
-    block = messages.block_from_message(blocks[1])
+    block = block_of(blocks[1])
     assert_samples(block, plant, name)
     assert block.names[1:] == cell.wire.topic(f"{name}_samples").columns
     assert vectors[0].header.frame_id == name
@@ -54,7 +55,7 @@ def test_vectors_of_a_third_party_driver(cell, node_class, name):
     for step in range(3):
         driver.publish(messages.vector_message(start + step, "", 1e-6 * step, -1e-6))
     cell.wait_until(lambda: sum(block.width for block in blocks) == 3, "all samples")
-    block = messages.block_from_message(blocks[0])
+    block = block_of(blocks[0])
     assert block.stamp_ns == start
     np.testing.assert_allclose(block.rows[0, 1:], [0.0, -1e-6])
 
@@ -146,7 +147,7 @@ def test_of_two_drivers_on_one_topic_none_is_believed(cell, node_class, name, ke
     end = time.monotonic() + 1.0
     cell.wait_until(lambda: publish(one, other) or time.monotonic() > end, "time to pass")
     assert len(blocks) == before, "nothing of a mixture goes out"
-    mixed = np.concatenate([messages.block_from_message(block).rows[:, 1] for block in blocks])
+    mixed = np.concatenate([block_of(block).rows[:, 1] for block in blocks])
     assert np.count_nonzero(np.abs(np.diff(mixed)) > 0.0015) <= 3, "but of the first two messages"
     cell.wait_until(lambda: publish(one) or len(blocks) > before, "samples of the one that is left")
 
@@ -158,7 +159,7 @@ def test_quadrant_voltages(cell, tmp_path):
     blocks = cell.collect(cell.wire.topic("autocollimator_samples"))
     cell.run(Autocollimator, "autocollimator", source="iio", iio__device=str(tmp_path), poll_rate=100.0)
     cell.wait_until(lambda: len(blocks) > 1, "blocks")
-    np.testing.assert_allclose(messages.block_from_message(blocks[1]).rows[0, 1:], [0.0, 2.5e-4], atol=1e-15)
+    np.testing.assert_allclose(block_of(blocks[1]).rows[0, 1:], [0.0, 2.5e-4], atol=1e-15)
 
 
 def test_the_artefact_at_another_height(cell, plant):
@@ -168,7 +169,7 @@ def test_the_artefact_at_another_height(cell, plant):
     lvdt = plant.description.lvdt
     assert lvdt is not None
     higher = replace(plant, description=replace(plant.description, lvdt=replace(lvdt, height=0.06)))
-    assert_samples(messages.block_from_message(blocks[1]), higher, "lvdt")
+    assert_samples(block_of(blocks[1]), higher, "lvdt")
 
 
 def test_a_stage_without_lvdt(cell, tmp_path):
@@ -198,7 +199,7 @@ def test_the_controller_tells_command_force_temperature_and_axes(cell, plant):
     cell.run(MockController, "mock_controller", machine="xyzac_trt")
     cell.wait_until(lambda: all(len(received) > 0 for received in topics.values()), "every topic")
     for stream in ("command", "force", "temperature"):
-        assert_samples(messages.block_from_message(topics[f"{stream}_samples"][0]), plant, stream)
+        assert_samples(block_of(topics[f"{stream}_samples"][0]), plant, stream)
     state = topics["machine_joint_states"][0]
     motion = MachineMotion(load_machine("xyzac_trt"), plant)
     expected = motion.at(messages.ns_from_stamp(state.header.stamp))
@@ -232,7 +233,7 @@ def test_a_device_of_another_package_serves_a_node_and_is_put_away_with_it(cell,
         return len(blocks) > 1
 
     cell.wait_until(send, "readings")
-    assert messages.block_from_message(blocks[0]).column("angle")[0] == 0.5
+    assert block_of(blocks[0]).column("angle")[0] == 0.5
     head.trigger_deactivate()
     head.trigger_cleanup()
     del blocks[:]

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from faults.documenting import Row, shows
+from received_blocks import block_of
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
@@ -652,7 +653,7 @@ def test_what_the_drive_of_the_monitored_axis_is_told_is_the_command_of_the_stag
         states = cell.collect(cell.wire.topic("machine_joint_states"))
         cell.run(LinuxcncBridge, "linuxcnc_bridge", python=python, machine="xyzac_trt", block_period=0.05)
         cell.wait_until(lambda: len(blocks) > 3 and people and len(states) > 10, "the command")
-        block = messages.block_from_message(blocks[1])
+        block = block_of(blocks[1])
         assert block.names[1:] == cell.wire.topic("command_samples").columns
         np.testing.assert_array_equal(block.rows[:, 1:], [[0.3, 0.2]] * len(block.rows))
         stamps = {messages.ns_from_stamp(each.header.stamp) for each in states}
@@ -730,7 +731,7 @@ def test_the_command_is_that_of_the_servo_thread_with_its_corrections(cnc):
         correct = CorrectionMaker(cell)
 
         def stands_there():
-            told = messages.block_from_message(blocks[-1]).column("angle")[-1] if blocks else math.nan
+            told = block_of(blocks[-1]).column("angle")[-1] if blocks else math.nan
             return told == pytest.approx(CORRECTION["C"], abs=1e-8)
 
         correct(stands_there, "the drive to stand where the correction puts it")
@@ -740,7 +741,7 @@ def test_the_command_is_that_of_the_servo_thread_with_its_corrections(cnc):
         with subprocess.Popen([*cnc.enter, *operation], env=cnc.environment) as moving:
             correct(lambda: moving.poll() is not None, "the table to turn")
         correct(lambda: len(blocks) > 5, "what came meanwhile")
-        made = [messages.block_from_message(each) for each in blocks]
+        made = [block_of(each) for each in blocks]
         times = np.concatenate([each.times_ns for each in made])
         angle, speed = (np.concatenate([each.column(name) for each in made]) for name in ("angle", "velocity"))
         assert (np.diff(times) > 0).all()

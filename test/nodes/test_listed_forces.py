@@ -9,6 +9,7 @@ from nodes.listing import stage_that_lists
 from nodes.mock_cells import mock_parameters
 from nodes.plant_samples import assert_sample, assert_samples
 from nodes.replayed_motion import ESTIMATOR, REPLAY, assert_repeated
+from received_blocks import block_of
 
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.description.machine import load_machine
@@ -58,7 +59,7 @@ def test_forces_of_a_third_party_driver_in_its_unit(settings, path):
             driver.publish(messages.wrench_message(stamp_ns, "", [0.25 * number, -0.5]))
             cell.spin_for(0.1)
         cell.wait_until(lambda: sum(block.width for block in blocks) == 3, "all samples")
-        rows = np.concatenate([messages.block_from_message(block).rows for block in blocks])
+        rows = np.concatenate([block_of(block).rows for block in blocks])
         np.testing.assert_allclose(rows[:, 1:], [[0.0, -500.0], [250.0, -500.0], [500.0, -500.0]], rtol=1e-12)
 
 
@@ -95,16 +96,16 @@ def test_force_and_command_of_the_list_in_a_cell(settings, path, tmp_path):
 
     truth = mock_stage(stage, settings)
     for message in read[1:]:
-        assert_samples(messages.block_from_message(message), truth, "force_nose")
+        assert_samples(block_of(message), truth, "force_nose")
     for message in told[1:10]:
-        block = messages.block_from_message(message)
+        block = block_of(message)
         assert_samples(block, truth, "command")
         angle, speed = truth.motion.at((block.times_ns - truth.epoch_ns) * 1e-9 - 2.0e-4)
         np.testing.assert_allclose(block.rows[:, 1:], np.column_stack([0.4 - 3.0 * angle, -3.0 * speed]), atol=1e-9)
     first = people[0].wrench.force
     assert_sample(people[0].header.stamp, [first.x, first.y], truth, "force_nose")
     recorded = BagReader(tmp_path / "bag").read_blocks([TOPIC])[TOPIC]
-    mine = {messages.block_from_message(message).stamp_ns for message in read}
+    mine = {block_of(message).stamp_ns for message in read}
     assert len({block.stamp_ns for block in recorded} & mine) > 1
     replayed = replay_bag(tmp_path / "bag", stage, load_machine("xyzac_trt"), REPLAY)
     assert_repeated(estimates, replayed)

@@ -12,6 +12,7 @@ from geometry_msgs.msg import Vector3Stamped
 from nodes.mock_cells import mock_parameters
 from nodes.plant_samples import assert_sample, assert_samples
 from nodes.probes import SECOND, STREAMS, stage_with_probes, stage_with_probes_instead
+from received_blocks import block_of
 
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.description.stage import load_stage
@@ -55,7 +56,7 @@ def test_blocks_are_those_of_the_plant_and_are_recorded(probed, truth, tmp_path)
     probed.wait_until(lambda: people and all(len(each) > 2 for each in received), "blocks of both")
     for stream, topic, blocks in zip(STREAMS, topics, received, strict=True):
         assert blocks[1].header.frame_id == stream
-        block = messages.block_from_message(blocks[1])
+        block = block_of(blocks[1])
         assert block.names == ("t", "displacement") == ("t", *topic.columns)
         assert len(block.rows) == 50, "1000 samples a second"
         assert_samples(block, truth, stream)
@@ -68,7 +69,7 @@ def test_blocks_are_those_of_the_plant_and_are_recorded(probed, truth, tmp_path)
     probed.remove(recorder)
     bag = BagReader(tmp_path / "bag").read_blocks([topic.name for topic in topics])
     for topic, blocks in zip(topics, received, strict=True):
-        mine = {messages.block_from_message(message).stamp_ns for message in blocks}
+        mine = {block_of(message).stamp_ns for message in blocks}
         assert {block.stamp_ns for block in bag[topic.name]} & mine
 
 
@@ -76,7 +77,7 @@ def test_its_rate_is_a_parameter(probed):
     blocks = probed.collect(probed.wire.topic("axial_probe_samples", "top"))
     probed.run(ListedSensorNode, "listed_sensor", sensor="top", rate=4000.0, source="mock")
     probed.wait_until(lambda: len(blocks) > 1, "blocks")
-    assert messages.block_from_message(blocks[1]).rows.shape == (200, 2)
+    assert block_of(blocks[1]).rows.shape == (200, 2)
 
 
 def test_vectors_of_a_third_party_driver(probed):
@@ -88,7 +89,7 @@ def test_vectors_of_a_third_party_driver(probed):
     for step in range(3):
         driver.publish(messages.vector_message(start + step, "", 1e-6 * step, 7.0))
     probed.wait_until(lambda: sum(block.width for block in blocks) == 3, "all samples")
-    rows = np.concatenate([messages.block_from_message(block).rows for block in blocks])
+    rows = np.concatenate([block_of(block).rows for block in blocks])
     np.testing.assert_allclose(rows[:, 1:], [[0.0], [1e-6], [2e-6]], atol=1e-18)
 
 
@@ -99,7 +100,7 @@ def test_the_voltage_of_an_amplifier(probed, tmp_path):
     iio = {"iio__device": str(tmp_path), "iio__channel": 3, "iio__sensitivity": 4e-6}
     probed.run(ListedSensorNode, "listed_sensor_top", source="iio", poll_rate=100.0, **iio)
     probed.wait_until(lambda: len(blocks) > 1, "blocks")
-    np.testing.assert_allclose(messages.block_from_message(blocks[1]).rows[0, 1:], [-2e-6], atol=1e-18)
+    np.testing.assert_allclose(block_of(blocks[1]).rows[0, 1:], [-2e-6], atol=1e-18)
 
 
 @pytest.mark.parametrize("asked", ["side", "axial_probe_low", "a"])
@@ -138,7 +139,7 @@ def test_a_tilt_sensor_sends_both_of_its_fields(tilting, settings, tmp_path):
     blocks, people = tilting.collect(topic), tilting.collect(tilting.wire.topic("tilt_sensor_tilt", "second"))
     tilting.run(ListedSensorNode, "listed_sensor_second", source="mock")
     tilting.wait_until(lambda: people and len(blocks) > 2, "blocks")
-    block = messages.block_from_message(blocks[1])
+    block = block_of(blocks[1])
     truth = mock_stage(load_stage(tmp_path / "instead.yaml"), settings)
     assert block.names == ("t", "tilt_x", "tilt_y")
     assert_samples(block, truth, "tilt_sensor_second")
@@ -154,7 +155,7 @@ def test_vectors_of_a_driver_of_an_autocollimator(tilting):
     tilting.wait_until(lambda: driver.get_subscription_count() > 0, "the node to listen")
     driver.publish(messages.vector_message(tilting.node.get_clock().now().nanoseconds, "", 1e-6, -2e-6))
     tilting.wait_until(lambda: sum(block.width for block in blocks) == 1, "the sample")
-    (row,) = np.concatenate([messages.block_from_message(block).rows for block in blocks])
+    (row,) = np.concatenate([block_of(block).rows for block in blocks])
     np.testing.assert_allclose(row[1:], [1e-6, -2e-6], atol=1e-18)
 
 

@@ -11,10 +11,10 @@ import yaml
 from drawn_curves import DrawnCurves
 from nodes.mock_cells import mock_parameters
 from nodes.replayed_motion import ESTIMATOR, REPLAY, assert_repeated
+from received_blocks import block_of
 
 from rotary_error_monitor.codec.error_motion_blocks import error_motion_from_block
 from rotary_error_monitor.description.stage import load_stage
-from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.autocollimator import Autocollimator
 from rotary_error_monitor.nodes.encoder_head import EncoderHead
 from rotary_error_monitor.nodes.error_estimator import ErrorEstimator
@@ -70,7 +70,7 @@ def test_error_motion_of_a_stage_with_measured_curves(curved: Cell, settings, st
     plant = mock_stage(stage, settings)
     bound: list[bool] = []
     for message in estimates:
-        block = messages.block_from_message(message)
+        block = block_of(message)
         motion = error_motion_from_block(block)
         truth = plant.scene((block.times_ns - plant.epoch_ns) * 1e-9).error_motion
         deviation = np.sqrt(np.diagonal(motion.covariance, axis1=1, axis2=2))

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from rclpy.serialization import deserialize_message, serialize_message
+from received_blocks import block_of
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState, PointCloud2, PointField
 from std_msgs.msg import Header
@@ -31,7 +32,7 @@ def test_a_block_survives_the_wire(rows, stamp_ns):
     block = SampleBlock(stamp_ns, ("t", "tilt_x", "tilt_y"), rows)
     data = messages.block_bytes(block, "autocollimator")
     message = deserialize_message(data, PointCloud2)
-    for back in (messages.block_from_message(message), BlockDecoder().decode(data)):
+    for back in (block_of(message), BlockDecoder().decode(data)):
         assert (back.stamp_ns, back.names) == (block.stamp_ns, block.names)
         np.testing.assert_array_equal(back.rows, rows)
     assert message.header.frame_id == "autocollimator"
@@ -85,7 +86,7 @@ def test_what_is_no_sample_block_is_refused(spoil):
     message = block_message()
     spoil(message)
     with pytest.raises(InputError, match="no sample block"):
-        messages.block_from_message(message)
+        block_of(message)
 
 
 def test_joint_state_fills_velocity_and_effort():

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from received_blocks import block_of
 from sensor_msgs.msg import JointState
 
 from rotary_error_monitor.bags.reader import BagReader
-from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.compensation import Compensation
 from rotary_error_monitor.nodes.encoder_head import EncoderHead
 from rotary_error_monitor.nodes.error_estimator import ErrorEstimator
@@ -48,7 +48,7 @@ def test_cells_in_two_namespaces_do_not_hear_one_another(cell, plant):
     cell.run(EncoderHead, "encoder_head_a", ros_args=LEFT, mock__seed=99, source="mock")
     cell.wait_until(lambda: len(here) > 3 and len(left) > 3, "blocks of both")
     for received, same in ((here, True), (left, False)):
-        for block in map(messages.block_from_message, received):
+        for block in map(block_of, received):
             true = plant.samples("head_a", plant.index_at("head_a", block.stamp_ns), len(block.rows))
             assert np.array_equal(block.rows, true.rows) is same
 

@@ -7,11 +7,11 @@ import pytest
 from nodes.mock_cells import mock_parameters
 from nodes.probes import INSTEAD, SECOND, stage_with_probes_instead
 from nodes.replayed_motion import ESTIMATOR, REPLAY, assert_repeated
+from received_blocks import block_of
 
 from rotary_error_monitor.codec.error_motion_blocks import error_motion_from_block
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.description.stage import load_stage
-from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.encoder_head import EncoderHead
 from rotary_error_monitor.nodes.error_estimator import ErrorEstimator
 from rotary_error_monitor.nodes.gap_monitor import GapMonitor
@@ -51,7 +51,7 @@ def test_all_six_components_are_observable_and_right(settings, tmp_path, sensors
     plant = mock_stage(stage, settings)
     whole = []
     for message in estimates[2:]:
-        block = messages.block_from_message(message)
+        block = block_of(message)
         motion = error_motion_from_block(block)
         truth = plant.scene((block.times_ns - plant.epoch_ns) * 1e-9).error_motion
         deviation = np.sqrt(np.diagonal(motion.covariance, axis1=1, axis2=2))

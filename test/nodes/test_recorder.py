@@ -20,6 +20,7 @@ from mcap.records import Message
 from mcap.stream_reader import StreamReader
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message, serialize_message
+from received_blocks import block_of
 from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import JointState, Temperature
 from std_msgs.msg import Float64
@@ -67,7 +68,7 @@ def test_a_bag_holds_what_was_published(cell, tmp_path):
     assert counts["/machine/joint_states"] > 10
     found = {block.stamp_ns: block for block in map(BlockDecoder().decode, recorded(bag, topic.name))}
     # the latest were perhaps on their way to the recorder when it ended
-    wanted = [block for block in map(messages.block_from_message, received) if block.stamp_ns <= max(found)]
+    wanted = [block for block in map(block_of, received) if block.stamp_ns <= max(found)]
     assert len(wanted) > 5
     for block in wanted:
         assert found[block.stamp_ns].rows.tobytes() == block.rows.tobytes()

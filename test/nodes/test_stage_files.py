@@ -16,6 +16,7 @@ from draws import ALL
 from mock_bags import record
 from nodes.plant_samples import assert_samples
 from nodes.replayed_motion import ESTIMATOR, REPLAY, assert_repeated
+from received_blocks import block_of
 from staged_files import BALL_PROBE, STAGES
 
 from rotary_error_monitor.bags.reader import BagReader
@@ -25,7 +26,6 @@ from rotary_error_monitor.description.listed_sensors import name_of
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.metrology.error_motion import COMPONENTS
-from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.autocollimator import Autocollimator
 from rotary_error_monitor.nodes.encoder_head import EncoderHead
 from rotary_error_monitor.nodes.error_estimator import ErrorEstimator
@@ -89,7 +89,7 @@ def check_accuracy(estimates, plant, shows):
     others = [place for place in range(6) if place not in places]
     seen, off, sizes = [], [], []
     for message in estimates[2:]:
-        block = messages.block_from_message(message)
+        block = block_of(message)
         motion = error_motion_from_block(block)
         truth = plant.scene((block.times_ns - plant.epoch_ns) * 1e-9).error_motion
         assert not motion.observable[:, others].any()

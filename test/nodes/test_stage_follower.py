@@ -4,8 +4,8 @@ import time
 
 import numpy as np
 import pytest
+from received_blocks import block_of
 
-from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.stage_follower import StageFollower
 from rotary_error_monitor.signals.blocks import block_from_samples
 from rotary_error_monitor.testing import Cell
@@ -34,7 +34,7 @@ def test_all_instruments_speak_once_the_command_is_known():
 
         cell.wait_until(turn, "all instruments")
         cell.wait_for_status(COMMAND, "the stage stands: no command for")
-        assert messages.block_from_message(received[0][-1]).column("angle")[-1] == pytest.approx(0.7, abs=1e-3)
+        assert block_of(received[0][-1]).column("angle")[-1] == pytest.approx(0.7, abs=1e-3)
 
 
 def test_of_two_commands_none_is_followed():

@@ -12,6 +12,7 @@ import yaml
 from geometry_msgs.msg import WrenchStamped
 from nodes.mock_cells import mock_parameters
 from nodes.plant_samples import assert_sample, assert_samples
+from received_blocks import block_of
 from sensor_msgs.msg import JointState, Temperature
 
 from rotary_error_monitor.codec.error_motion_blocks import error_motion_from_block
@@ -42,7 +43,7 @@ def test_mock_of_what_acts_on_the_stage(cell, plant, node_class, stream, people,
     blocks, messages_for_people = cell.collect(topic), cell.collect(cell.wire.topic(people))
     cell.run(node_class, f"stage_{stream}", source="mock")
     cell.wait_until(lambda: len(blocks) > 1 and len(messages_for_people) > 0, "blocks and messages")
-    block = messages.block_from_message(blocks[1])
+    block = block_of(blocks[1])
     assert_samples(block, plant, stream)
     assert block.names[1:] == topic.columns
     seen = messages_for_people[0]
@@ -92,7 +93,7 @@ def test_messages_of_a_third_party_driver(cell, node_class, stream, source, more
     for k in range(5):
         driver.publish(make(begin + 10_000_000 * k, 0.1 * k))
     cell.wait_until(lambda: sum(block.width for block in blocks) == len(rows), "all samples")
-    made = [messages.block_from_message(block) for block in blocks]
+    made = [block_of(block) for block in blocks]
     assert np.concatenate([block.times_ns for block in made])[-1] == begin + 40_000_000
     np.testing.assert_allclose(np.concatenate([block.rows[:, 1:] for block in made]), rows, atol=1e-9)
 
@@ -152,7 +153,7 @@ def test_positioning_error_motion_beside_a_controller_that_tells_positions_alone
         cell.wait_until(tell, "positioning error motion")
     bounds = []
     for message in estimates:
-        block = messages.block_from_message(message)
+        block = block_of(message)
         motion = error_motion_from_block(block)
         truth = plant.scene((block.times_ns - plant.epoch_ns) * 1e-9).error_motion
         bound = SIGMAS * np.sqrt(motion.covariance[:, 5, 5])
@@ -164,4 +165,4 @@ def test_positioning_error_motion_beside_a_controller_that_tells_positions_alone
 
 
 def observed(estimates):
-    return sum(int(error_motion_from_block(messages.block_from_message(m)).observable[:, 5].sum()) for m in estimates)
+    return sum(int(error_motion_from_block(block_of(m)).observable[:, 5].sum()) for m in estimates)

@@ -8,6 +8,7 @@ from nodes.listing import stage_that_lists
 from nodes.mock_cells import mock_parameters
 from nodes.plant_samples import assert_sample, assert_samples
 from nodes.replayed_motion import ESTIMATOR, REPLAY, assert_repeated
+from received_blocks import block_of
 from sensor_msgs.msg import Temperature
 
 from rotary_error_monitor.bags.reader import BagReader
@@ -49,7 +50,7 @@ def test_temperatures_of_a_third_party_driver(settings, path):
             cell.spin_for(1.3)
             said.append(cell.status("listed_sensor_bearing: /pt100").message)
         cell.wait_until(lambda: sum(block.width for block in blocks) == 3, "all samples")
-        rows = np.concatenate([messages.block_from_message(block).rows for block in blocks])
+        rows = np.concatenate([block_of(block).rows for block in blocks])
         np.testing.assert_array_equal(rows[:, 1], [20.5, 20.25, 21.0])
         assert not [each for each in said[1:] if "stale" in each or "no " in each], said
         cell.spin_for(3.0)
@@ -85,10 +86,10 @@ def test_thermometers_in_a_cell(settings, path, tmp_path):
     for place, blocks in read.items():
         stream = f"thermometer_{place}"
         for message in blocks[1:]:
-            block = messages.block_from_message(message)
+            block = block_of(message)
             assert_samples(block, truth, stream)
             assert len(block.rows) == 1, "one sample a second"
-        mine = {messages.block_from_message(message).stamp_ns for message in blocks}
+        mine = {block_of(message).stamp_ns for message in blocks}
         assert len({block.stamp_ns for block in recorded[samples_topic(stream)]} & mine) > 1
     assert_sample(people[0].header.stamp, [people[0].temperature], truth, f"thermometer_{PLACES[0]}")
     replayed = replay_bag(tmp_path / "bag", stage, load_machine("xyzac_trt"), REPLAY)

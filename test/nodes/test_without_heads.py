@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from nodes.mock_cells import mock_parameters
 from nodes.replayed_motion import ESTIMATOR, REPEATED, REPLAY, assert_repeated
+from received_blocks import block_of
 from without_heads import STREAMS, example
 
 from rotary_error_monitor.cli import main
@@ -15,7 +16,6 @@ from rotary_error_monitor.codec.error_motion_blocks import error_motion_from_blo
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.compensation import Compensation
 from rotary_error_monitor.nodes.encoder_head import EncoderHead
 from rotary_error_monitor.nodes.error_estimator import ErrorEstimator
@@ -66,7 +66,7 @@ def test_error_motion_and_corrections_from_three_probes(headless, settings, stag
     assert plant.streams == ("command", "force", "temperature", *STREAMS)
     whole = []
     for message in estimates[2:]:
-        block = messages.block_from_message(message)
+        block = block_of(message)
         motion = error_motion_from_block(block)
         truth = plant.scene((block.times_ns - plant.epoch_ns) * 1e-9).error_motion
         deviation = np.sqrt(np.diagonal(motion.covariance, axis1=1, axis2=2))

@@ -6,10 +6,10 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
+from described_stages import stage_of
 from faults.judging import record, stream_of
 from world import FAULTS, random_stage
 
-from rotary_error_monitor.description.stage import stage_from_mapping
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.belief import Belief
 from rotary_error_monitor.pipeline.estimation import Estimator
@@ -22,7 +22,7 @@ KINDS = (None, "head_jumps_10", "head_dead_later", "autocollimator_stuck", "comm
 
 def estimates(timeline, section, together_ns):
     """Every number that is published."""
-    estimator, parts, awake = Estimator(stage_from_mapping(section)), [], 0
+    estimator, parts, awake = Estimator(stage_of(section)), [], 0
     for arrival, stream, block in timeline:
         if arrival - awake >= together_ns:
             parts += estimator.advance()

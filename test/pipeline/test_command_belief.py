@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from described_stages import stage_of
 from world import random_stage
 
-from rotary_error_monitor.description.stage import StageDescription, stage_from_mapping
+from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.pipeline.command_belief import CommandBelief
 from rotary_error_monitor.pipeline.evidence import COLUMNS, Means, Scatter, Window
 
@@ -16,7 +17,7 @@ COUNT = 1200
 
 @pytest.fixture(scope="module")
 def stage() -> StageDescription:
-    return stage_from_mapping(random_stage(3))
+    return stage_of(random_stage(3))
 
 
 def windows(theta: np.ndarray, command: np.ndarray) -> list[Window]:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pushed_inputs import push_error_motion, push_joint_state
 
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.errors import InputError
@@ -55,13 +56,13 @@ def run(compensator, until_ms=400, *, joints=lambda ms: True, joint_delay_ms=2, 
         for before in (1_000_000_000, 0):  # the first is not certain before another one has confirmed it
             compensator.push_temperature(warmth, START - before)
     for ms in range(0, until_ms, 5):
-        found = compensator.push_error_motion(blocks(ms))
+        found = push_error_motion(compensator, blocks(ms))
         offsets += found.offsets
         corrections += found.corrections
         due = ms - joint_delay_ms + 5
         stamp = due - due % 10
         if due % 10 < 5 and stamp >= 0 and joints(stamp):
-            found = compensator.push_joint_state(*joint_state(stamp))
+            found = push_joint_state(compensator, *joint_state(stamp))
             offsets += found.offsets
             corrections += found.corrections
     return offsets, corrections
@@ -97,7 +98,7 @@ def test_offsets_are_those_of_the_model_at_the_true_positions():
 def test_offsets_come_with_the_error_motion_and_do_not_wait_for_the_next_joint_state():
     compensator = Compensator(MACHINE)
     run(compensator, 200)
-    found = compensator.push_error_motion(motion_block(200))
+    found = push_error_motion(compensator, motion_block(200))
     assert [len(block.rows) for block in found.offsets] == [5]
 
 
@@ -138,11 +139,11 @@ def test_when_joint_states_stop_it_holds_and_says_so():
     assert "limit 0.06 s" in compensator.hold
     assert compensator.held > 100
     assert (corrections[-1].stamp_ns - START) * 1e-9 <= last
-    again = compensator.push_joint_state(*joint_state(600))
+    again = push_joint_state(compensator, *joint_state(600))
     assert again.offsets == ()
     for ms in (610, 620, 630, 640):
-        compensator.push_joint_state(*joint_state(ms))
-    assert compensator.push_error_motion(motion_block(650)).offsets
+        push_joint_state(compensator, *joint_state(ms))
+    assert push_error_motion(compensator, motion_block(650)).offsets
     assert compensator.hold == ""
 
 
@@ -222,7 +223,7 @@ def test_temperature_moves_the_scales():
     assert (rows[:, 8] == 26.0).all()
     for number, wrong in enumerate((float("nan"), 100.0, -300.0, 18.0)):
         warm.push_temperature(wrong)
-        found = warm.push_error_motion(motion_block(400 + 5 * number))
+        found = push_error_motion(warm, motion_block(400 + 5 * number))
         assert (found.offsets[0].rows[:, -1] == 26.0).all()
         assert "temperature not believed" in "; ".join(warm.remarks)
 
@@ -230,10 +231,10 @@ def test_temperature_moves_the_scales():
 def test_error_motion_that_came_before_is_refused():
     compensator = Compensator(MACHINE)
     run(compensator, 200)
-    again = compensator.push_error_motion(motion_block(197))
+    again = push_error_motion(compensator, motion_block(197))
     assert compensator.late == 3
     assert [len(block.rows) for block in again.offsets] == [2]
-    assert compensator.push_error_motion(motion_block(100)).offsets == ()
+    assert push_error_motion(compensator, motion_block(100)).offsets == ()
     assert compensator.late == 8
 
 
@@ -255,7 +256,7 @@ def test_a_joint_state_without_an_axis_is_refused():
     stamp, positions, velocities = joint_state(0)
     del positions["Y"]
     with pytest.raises(InputError, match="lacks axis Y"):
-        Compensator(MACHINE).push_joint_state(stamp, positions, velocities)
+        push_joint_state(Compensator(MACHINE), stamp, positions, velocities)
 
 
 @pytest.mark.parametrize("behind", [5, 35, 120], ids="{} ms behind".format)
@@ -267,9 +268,9 @@ def test_live_corrections_come_back_after_those_of_the_description_alone(behind)
     corrections = []
     for ms in range(0, 3000, 5):
         if ms % 10 == 0:
-            corrections += compensator.push_joint_state(*joint_state(ms)).corrections
+            corrections += push_joint_state(compensator, *joint_state(ms)).corrections
         if ms >= behind and (ms - behind) not in silent:
-            corrections += compensator.push_error_motion(motion_block(ms - behind - 5)).corrections
+            corrections += push_error_motion(compensator, motion_block(ms - behind - 5)).corrections
     stamps = np.array([correction.stamp_ns for correction in corrections])
     assert (np.diff(stamps) > 0).all(), "a controller refuses what is older than what it had"
     described = np.array([correction.described for correction in corrections])

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pushed_inputs import push_error_motion, push_joint_state
 
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.errors import InputError
@@ -16,6 +17,7 @@ from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.metrology.guideway_compensation import count_reversals
 from rotary_error_monitor.pipeline.compensation import CompensationSettings, Compensator, InputsUsed
 from rotary_error_monitor.pipeline.corrections import CompensationOutput, OffsetReport
+from rotary_error_monitor.signals.admission import LATE
 
 GRINDER = load_machine("grinder_zhou2023")
 START = 1_763_700_000_000_000_000
@@ -40,7 +42,7 @@ def pass_over(z: float, seconds: float = 5.0) -> list[tuple[int, dict[str, float
 
 def run(compensator: Compensator, states: Sequence[tuple[int, Mapping[str, float]]]) -> list[CompensationOutput]:
     velocities = {"X": FEED, "Z": 0.0, "Y": 0.0}
-    return [compensator.push_joint_state(stamp, positions, velocities) for stamp, positions in states]
+    return [push_joint_state(compensator, stamp, positions, velocities) for stamp, positions in states]
 
 
 def test_x_and_z_in_and_a_correction_of_y_out_that_never_reverses() -> None:
@@ -162,11 +164,11 @@ def test_old_or_incomplete_joint_states_are_refused() -> None:
     states = pass_over(-0.4, 0.1)
     run(compensator, states)
     assert run(compensator, states[3:5]) == [CompensationOutput(), CompensationOutput()]
-    assert compensator.joints.stream.late == 2
+    assert compensator.joints.stream.admission.refused[LATE] == 2
     with pytest.raises(InputError, match="lacks axis Z"):
-        compensator.push_joint_state(START + PERIOD * 99, {"X": 0.0, "Y": 0.0}, {})
+        push_joint_state(compensator, START + PERIOD * 99, {"X": 0.0, "Y": 0.0}, {})
 
 
 def test_error_motion_belongs_to_no_axis_of_it() -> None:
     with pytest.raises(InputError, match="machine grinder_zhou2023 has no monitored axis"):
-        Compensator(GRINDER).push_error_motion(ErrorMotion.unknown(1))
+        push_error_motion(Compensator(GRINDER), ErrorMotion.unknown(1))

@@ -21,6 +21,7 @@ from rotary_error_monitor.description.stage import (
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.estimation import Estimator, EstimatorSettings
+from rotary_error_monitor.signals.admission import LATE, NOT_FINITE
 from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
 
 AZIMUTHS = {"a": 0.0, "b": np.pi, "c": np.pi / 2, "d": 3 * np.pi / 2}
@@ -388,8 +389,8 @@ def test_samples_that_are_not_finite_or_late_are_refused_and_counted():
     pairs.insert(len(pairs) // 2, pairs[3])
     estimator, result = run(pairs)
     assert np.isfinite(numbers_of(result)).all()
-    assert estimator.status.streams["head_a"].bad == 1
-    assert estimator.status.streams[pairs[3][0]].late == 50
+    assert estimator.status.streams["head_a"].admission.refused[NOT_FINITE] == 1
+    assert estimator.status.streams[pairs[3][0]].admission.refused[LATE] == 50
 
 
 def test_a_replay_repeats_what_the_live_run_decided():

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import yaml
+from described_stages import stage_of
 from world import Options, make_recording, random_stage
 
 from rotary_error_monitor.bags.writer import write_messages
 from rotary_error_monitor.cli import main
 from rotary_error_monitor.codec.error_motion_blocks import block_from_error_motion
-from rotary_error_monitor.description.stage import stage_from_mapping
 from rotary_error_monitor.description.wire import wire_of
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes.error_estimator import ErrorEstimator
@@ -27,7 +27,7 @@ def recorded(seed):
 
 
 def estimated(recording):
-    estimator, blocks = Estimator(stage_from_mapping(recording.stage)), []
+    estimator, blocks = Estimator(stage_of(recording.stage)), []
     streams = {"head_a", "head_b", "head_c", "head_d", "autocollimator", "command"}
     for arrival, topic, block in recording.timeline():
         name = topic.split("/")[2]
@@ -69,7 +69,7 @@ def test_without_tilt_only_the_ring_is_told():
     for seed in WITH_FOUR[:1]:
         recording = recorded(seed)
         stage = {name: part for name, part in recording.stage.items() if name not in ("autocollimator", "mirror")}
-        estimator, blocks = Estimator(stage_from_mapping(stage)), []
+        estimator, blocks = Estimator(stage_of(stage)), []
         for arrival, topic, block in recording.timeline():
             name = topic.split("/")[2]
             if (name.startswith("head_") or name == "command") and len(block.rows):
@@ -97,7 +97,7 @@ def test_a_replay_gives_the_same_bits(tmp_path):
     (seed, *_) = WITH_FOUR
     recording = recorded(seed)
     published = estimated(recording)
-    columns = wire_of(stage_from_mapping(recording.stage)).topic("error_motion_samples").columns
+    columns = wire_of(stage_of(recording.stage)).topic("error_motion_samples").columns
     blocks = [block_from_error_motion(each, columns) for each in published]
     write_messages(tmp_path / "bag", {**recording.blocks, "/stage/error_motion/samples": blocks})
     twin, out = tmp_path / "stage.yaml", tmp_path / "out.npz"

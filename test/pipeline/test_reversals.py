@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from faults.documenting import Row, shows
+from pushed_inputs import push_error_motion, push_joint_state
 
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
@@ -65,13 +66,13 @@ def reports(motion, duration_ms=3000, machine=MACHINE):
     compensator, found = Compensator(machine), []
     compensator.push_temperature(MACHINE.reference_temperature, START)
     for ms in range(0, duration_ms, BLOCK):
-        found += compensator.push_error_motion(motion_block(ms)).corrections
+        found += push_error_motion(compensator, motion_block(ms)).corrections
         stamp = ms - motion.age_ms
         stamp -= stamp % PERIOD
         if ms % PERIOD == 0 and stamp >= 0:
             (q,), (v,) = motion.at([stamp * 1e-3])
             state = [dict(zip(MACHINE.letters, each.tolist(), strict=True)) for each in (q, v)]
-            found += compensator.push_joint_state(START + stamp * MS, *state).corrections
+            found += push_joint_state(compensator, START + stamp * MS, *state).corrections
     return [(each.stamp_ns, each.report) for each in found if each.report is not None]
 
 

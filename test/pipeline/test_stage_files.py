@@ -12,11 +12,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from described_stages import stage_of
 from mock_bags import EPOCH_NS
 from scipy.stats import binom
 from staged_files import BALL_PROBE, STAGES
 
-from rotary_error_monitor.description.stage import stage_from_mapping
 from rotary_error_monitor.metrology.error_motion import COMPONENTS, ErrorMotion
 from rotary_error_monitor.pipeline.estimation import Estimator, EstimatorSettings
 from rotary_error_monitor.plant.scene import Fault
@@ -101,10 +101,10 @@ def off(name, folder, seed):
     Not a number where nothing is published: stamps that are off by three times what is stated make heads contradict.
     """
     described, true, rng = drawn(name, folder, seed)
-    stage = stage_from_mapping(described)
+    stage = stage_of(described)
     ages = {stream: stage.timing("encoder") * rng.normal() for stream in (f"head_{each}" for each in stage.azimuths)}
     settings = MockSettings(seed, EPOCH_NS, (float(rng.uniform(4.0, 6.0)),), False, rate=250.0)
-    plant = mock_stage(stage_from_mapping(true), settings)
+    plant = mock_stage(stage_of(true), settings)
     plant = replace(plant, faults=(Late({**ages, "command": stage.timing("command") * rng.normal()}),))
     motion = estimated(stage, plant)
     time = (motion.times_ns - EPOCH_NS) * 1e-9

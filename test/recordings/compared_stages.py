@@ -8,12 +8,12 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+from described_stages import stage_of
 from referenced_stage import leaning_stages
 from world import Options, make_recording
 from world.recording import LVDT, Recording
 
 from rotary_error_monitor.bags.writer import write_messages
-from rotary_error_monitor.description.stage import stage_from_mapping
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.recordings.verification import verify_bag
 from rotary_error_monitor.signals.blocks import SampleBlock
@@ -96,7 +96,7 @@ def held(seed: int, section: dict[str, Any]) -> dict[str, list[float]]:
     stage = described(section, rng)
     with TemporaryDirectory() as folder:
         write_messages(Path(folder) / "bag", made.blocks)
-        (found,) = verify_bag(Path(folder) / "bag", stage_from_mapping(stage)).comparisons
+        (found,) = verify_bag(Path(folder) / "bag", stage_of(stage)).comparisons
     off = found.eccentricity - np.array(section["lvdt"]["artefact_eccentricity"])
     higher = found.higher - (section["lvdt"]["height"] - stage["lvdt"]["height"])
     axes = [axis for turning in found.turnings for axis in turning.axes]

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from described_stages import stage_of
 from mock_bags import write_stage_bag
 from referenced_stage import leaning_stages, raised, record
 from world import Options, make_recording, random_stage, with_probes
@@ -17,7 +18,7 @@ from world import Options, make_recording, random_stage, with_probes
 from rotary_error_monitor.analysis.verification_result import figures_of
 from rotary_error_monitor.bags.writer import write_messages
 from rotary_error_monitor.cli import main
-from rotary_error_monitor.description.stage import load_stage, stage_from_mapping
+from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.recordings.verification import verify_bag
 from rotary_error_monitor.resources import config
@@ -88,7 +89,7 @@ def test_a_probe_that_is_a_reference_is_no_input(tmp_path):
     options = Options(motion="steady", peak_speed=4.0, odd_rates=False)
     recording = make_recording(8, duration=6.0, stage=section, options=options)
     topic = "/stage/radial_probe_high/samples"
-    stage, found = stage_from_mapping(section), []
+    stage, found = stage_of(section), []
     for name, size in (("right", 0.0), ("wrong", 4e-6)):
         blocks = []
         for block in recording.blocks[topic]:

@@ -10,11 +10,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
+from described_stages import stage_of
 from mock_bags import EPOCH_NS, record
 from staged_files import BALL_PROBE, STAGES
 
 from rotary_error_monitor.cli import main
-from rotary_error_monitor.description.stage import StageDescription, load_stage, stage_from_mapping
+from rotary_error_monitor.description.stage import StageDescription, load_stage
 from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.description.wire import wire_of
 from rotary_error_monitor.errors import InputError
@@ -80,7 +81,7 @@ def test_its_first_order_is_that_of_its_exact_geometry(install_kind, seed):
     place = {"azimuth": rng.uniform(-6, 6), "elevation": rng.uniform(-1.5, 1.5), "height": rng.uniform(-0.2, 0.2)}
     content["stage"]["sensors"] = {"one": {**row, **place, "zero": 3e-6}}
     content["stage"]["spindle"]["axial"] = [{"order": 2, "cos": 1e-6, "sin": 2e-6}]
-    stage = stage_from_mapping(content["stage"])
+    stage = stage_of(content["stage"])
     plant = StagePlant(stage, seed, clocks=stage_clocks("abcd", sensors=tuple(stage.sensors)))
     time = np.linspace(0, 20, 1500)
     scene = plant.scene(time)

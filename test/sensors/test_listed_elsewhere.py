@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from described_stages import stage_of
 from world import Options, make_recording, random_stage, samples, with_probes, with_tilt_sensor
 
 from rotary_error_monitor.description.listed_sensors import is_input
 from rotary_error_monitor.description.sensor_section import sensor_kinds
-from rotary_error_monitor.description.stage import stage_from_mapping
 from rotary_error_monitor.plant.stage import StagePlant, stage_clocks
 from rotary_error_monitor.sensors.library import sensor_of
 from rotary_error_monitor.sensors.listed import ListedKind
@@ -28,7 +28,7 @@ def check(kind, sensor, reading, theta, motion):
 @pytest.mark.parametrize("seed", range(4))
 def test_displacements_are_those_of_the_truth(seed):
     section = with_tilt_sensor(with_probes(random_stage(seed), seed), seed)
-    stage = stage_from_mapping(section)
+    stage = stage_of(section)
     recording = make_recording(seed, duration=6.0, stage=section, options=Options.textbook(motion="s_curves"))
     plant = StagePlant(stage, 1, clocks=stage_clocks(tuple(stage.encoder.azimuths), sensors=tuple(stage.sensors)))
     time = np.linspace(0, 30, 2000)

@@ -8,11 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
+from described_stages import stage_of
 from without_heads import STREAMS, example
 
 from rotary_error_monitor.bags.writer import write_messages
 from rotary_error_monitor.cli import main
-from rotary_error_monitor.description.stage import Autocollimator, load_stage, stage_from_mapping
+from rotary_error_monitor.description.stage import Autocollimator, load_stage
 from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.description.wire import wire_of
 from rotary_error_monitor.effects.library import load_effects
@@ -29,7 +30,7 @@ START = 1_763_700_000_000_000_000
 def test_the_example_is_a_stage_of_three_probes(tmp_path):
     stage = load_stage(example(tmp_path))
     assert stage.encoder is None and stage.azimuths == {} and tuple(stage.sensors) == STREAMS
-    assert stage_from_mapping(stage_mapping(stage)) == stage and "encoder" not in stage_mapping(stage)
+    assert stage_of(stage_mapping(stage)) == stage and "encoder" not in stage_mapping(stage)
     assert Estimator(stage).inputs == ("command", *STREAMS)
     assert not [topic.name for topic in wire_of(stage) if "head" in topic.key]
     assert possible_components(stage) == ("exc", "eyc")

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import yaml
+from described_stages import stage_of
 
 from rotary_error_monitor.cases.making import make_stage_case
 from rotary_error_monitor.description.machine import load_machine, machine_from_mapping
-from rotary_error_monitor.description.stage import TIMINGS, load_stage, stage_from_mapping
+from rotary_error_monitor.description.stage import TIMINGS, load_stage
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.library import effect_named, load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
@@ -24,7 +25,7 @@ def again(content):
 def test_a_stage_is_written_as_it_was_read():
     for stage in (load_stage(), make_stage_case(3, "null", rough=True, duration=10.0).twin):
         content = again({"stage": stage_mapping(stage)})
-        assert stage_from_mapping(content["stage"]) == stage
+        assert stage_of(content["stage"]) == stage
 
 
 @pytest.mark.parametrize("name", ["pan2013", "xyzac_trt"])
@@ -79,7 +80,7 @@ def test_an_uncertainty_of_nothing_is_an_error():
     content = stage_mapping(load_stage())
     content["uncertainty"] = {"encoder.wobble": 1e-6}
     with pytest.raises(InputError, match=r"encoder\.wobble"):
-        uncertain_parameters(stage_from_mapping(content))
+        uncertain_parameters(stage_of(content))
 
 
 def test_stamps_may_be_uncertain_and_move_no_number():
@@ -87,4 +88,4 @@ def test_stamps_may_be_uncertain_and_move_no_number():
     stage = load_stage()
     assert set(stage.uncertainty) == set(TIMINGS)
     assert uncertain_parameters(stage) == ()
-    assert stage_from_mapping(stage_mapping(stage)).uncertainty == stage.uncertainty
+    assert stage_of(stage_mapping(stage)).uncertainty == stage.uncertainty

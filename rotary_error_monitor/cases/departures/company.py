@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from rotary_error_monitor.cases.departures.departure import Departure, Part
+from rotary_error_monitor.cases.departures.departure import Departure, Part, Ranges
 from rotary_error_monitor.cases.faults import Named
 from rotary_error_monitor.cases.faults.axes import CyclicError
 from rotary_error_monitor.plant.machine import MachineFault
@@ -27,11 +27,7 @@ class Neighbours(Departure):
 
     below: tuple[float, ...]
     above: tuple[float, ...]
-
-    @property
-    def words(self) -> str:
-        """The mechanism."""
-        return f"with the neighbouring orders, up to {100 * self.strength:.3g} % of its size"
+    told = "with the neighbouring orders, up to {percent:.3g} % of its size"
 
     @classmethod
     def drawn(cls, draw: np.random.Generator) -> Self:
@@ -68,16 +64,9 @@ class SecondWave(Departure):
 
     phase: float
     most: ClassVar[float] = 1.0
-
-    @property
-    def words(self) -> str:
-        """The mechanism."""
-        return f"with a wave of half the period, {100 * self.strength:.3g} % of its size"
-
-    @classmethod
-    def drawn(cls, draw: np.random.Generator) -> Self:
-        """Any phase."""
-        return cls(phase=float(draw.uniform(0, 2 * np.pi)))
+    told = "with a wave of half the period, {percent:.3g} % of its size"
+    ranges: ClassVar[Ranges] = {"phase": (0, 2 * np.pi)}
+    signed = False
 
     def parts(self, textbook: Named) -> tuple[Part, ...]:
         """Both waves."""

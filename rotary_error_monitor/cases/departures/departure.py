@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
@@ -15,6 +15,7 @@ from rotary_error_monitor.plant.machine import MachineFault
 from rotary_error_monitor.plant.stage import Fault
 
 Reals = NDArray[np.float64]
+Ranges = Mapping[str, tuple[float, float]]
 Part = Fault | MachineFault
 """What acts in the plant: a fault of the stage or of the machine."""
 
@@ -27,16 +28,20 @@ class Departure(ABC):
         strength: how much; what it multiplies is said by each class.
         most: largest strength that a real stage or machine may have.
         signed: whether the strength may be negative.
+        ranges: of the values of its shape, drawn evenly in this order.
+        told: the mechanism, with its values and the strength in `percent` to be filled in.
     """
 
     strength: float = 1.0
     most: ClassVar[float] = 1.0
     signed: ClassVar[bool] = True
+    ranges: ClassVar[Ranges] = {}
+    told: ClassVar[str] = ""
 
     @property
-    @abstractmethod
     def words(self) -> str:
         """The mechanism, for a reader."""
+        return self.told.format(percent=100 * self.strength, **vars(self))
 
     @abstractmethod
     def parts(self, textbook: Named) -> tuple[Part, ...]:
@@ -45,7 +50,8 @@ class Departure(ABC):
     @classmethod
     def drawn(cls, draw: np.random.Generator) -> Self:
         """The mechanism with drawn shape, if it has one, and a strength of 1 or -1, to be scaled."""
-        return cls(strength=sign(draw)) if cls.signed else cls()
+        strength = sign(draw) if cls.signed else 1.0
+        return cls(strength=strength, **{name: float(draw.uniform(*each)) for name, each in cls.ranges.items()})
 
     def scaled(self, factor: float) -> Self:
         """The same mechanism, `factor` times as strong."""
@@ -78,10 +84,6 @@ class Varied:
     def parameters(self) -> dict[str, Any]:
         """Parameters of the textbook form."""
         return self.textbook.parameters
-
-    def scaled(self, factor: float) -> Varied:
-        """The same fault, `factor` times as large, departing by the same part of it."""
-        return replace(self, textbook=self.textbook.scaled(factor))
 
 
 AnyFault = Named | Varied

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from dataclasses import dataclass, field
 from typing import ClassVar, Self
 
 import numpy as np
 
-from rotary_error_monitor.cases.departures.departure import Departure, Part
+from rotary_error_monitor.cases.departures.departure import Departure, Part, Ranges
 from rotary_error_monitor.cases.departures.swells import TYPICAL_FORCE
 from rotary_error_monitor.cases.faults import Named
 from rotary_error_monitor.cases.faults import rotor as moved
@@ -31,11 +30,6 @@ class Form(Departure, Fault):
         """The same departure of a textbook fault."""
         return type(self)(**{**vars(self), "textbook": textbook})
 
-    @property
-    @abstractmethod
-    def words(self) -> str:
-        """The mechanism."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class Stiffening(Form):
@@ -43,11 +37,7 @@ class Stiffening(Form):
 
     most: ClassVar[float] = 3.0
     signed = False  # contacts only stiffen
-
-    @property
-    def words(self) -> str:
-        """The mechanism."""
-        return f"stiffens under load: compliance divided by 1 + {self.strength:.3g} at {TYPICAL_FORCE:.0f} N"
+    told = f"stiffens under load: compliance divided by 1 + {{strength:.3g}} at {TYPICAL_FORCE:.0f} N"
 
     def _force(self, scene: Scene) -> Plane:
         return np.asarray(scene.force / (1 + self.strength * np.abs(scene.force) / TYPICAL_FORCE))
@@ -69,16 +59,13 @@ class UnlikeSides(Stiffening):
 
     azimuth: float
     most: ClassVar[float] = 0.8
+    ranges: ClassVar[Ranges] = {"azimuth": (0, np.pi)}
+    signed = False
 
     @property
     def words(self) -> str:
         """The mechanism."""
         return f"by {100 * self.strength:.3g} % softer along {np.degrees(self.azimuth):.0f}°, stiffer across"
-
-    @classmethod
-    def drawn(cls, draw: np.random.Generator) -> Self:
-        """Soft along any axis."""
-        return cls(azimuth=float(draw.uniform(0, np.pi)))
 
     def _force(self, scene: Scene) -> Plane:
         return np.asarray(scene.force + self.strength * np.exp(2j * self.azimuth) * scene.force.conj())
@@ -110,11 +97,7 @@ class LaggingDrift(Form):
 
     most: ClassVar[float] = 25.0
     signed = False  # lags are positive
-
-    @property
-    def words(self) -> str:
-        """The mechanism."""
-        return f"the housing lags the thermometer by {self.strength:.3g} s"
+    told = "the housing lags the thermometer by {strength:.3g} s"
 
     def displace(self, radial: Plane, scene: Scene) -> Plane:
         """Drift."""

@@ -128,11 +128,7 @@ class OilFilmSide(Departure):
 
     most: ClassVar[float] = 10.0
     signed = False  # one shape only
-
-    @property
-    def words(self) -> str:
-        """The mechanism."""
-        return f"soft at low speed, within {self.strength:.2g} rad/s"
+    told = "soft at low speed, within {strength:.2g} rad/s"
 
     def parts(self, textbook: Named) -> tuple[Part, ...]:
         """Backlash or hysteresis, softened."""

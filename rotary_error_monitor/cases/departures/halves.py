@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 
-from rotary_error_monitor.cases.departures.departure import Reals, sign
+from rotary_error_monitor.cases.departures.departure import Ranges, Reals, sign
 from rotary_error_monitor.cases.departures.poses import PoseSwell
 from rotary_error_monitor.cases.departures.swells import Swell
 from rotary_error_monitor.description.machine import MachineDescription
@@ -23,11 +23,7 @@ class Begins(Swell):
     """Nothing until `time` s, all of it from then on."""
 
     time: float
-
-    @property
-    def words(self) -> str:
-        """The mechanism."""
-        return f"from {self.time:.0f} s on"
+    told = "from {time:.0f} s on"
 
     @classmethod
     def drawn(cls, draw: np.random.Generator) -> Self:
@@ -44,16 +40,9 @@ class GrowsFromNothing(Swell):
     """Nothing at first, growing with a power of the time."""
 
     power: float
-
-    @property
-    def words(self) -> str:
-        """The mechanism."""
-        return f"growing from nothing with time to the {self.power:.1f}"
-
-    @classmethod
-    def drawn(cls, draw: np.random.Generator) -> Self:
-        """Faster than in proportion."""
-        return cls(power=float(draw.uniform(1.8, 5.0)))
+    told = "growing from nothing with time to the {power:.1f}"
+    ranges: ClassVar[Ranges] = {"power": (1.8, 5.0)}
+    signed = False
 
     def factor(self, scene: Scene) -> Reals:
         """Power of the time."""
@@ -66,16 +55,9 @@ class ComesAndGoes(Swell):
 
     period: float
     phase: float
-
-    @property
-    def words(self) -> str:
-        """The mechanism."""
-        return f"coming and going every {self.period:.0f} s"
-
-    @classmethod
-    def drawn(cls, draw: np.random.Generator) -> Self:
-        """Within some seconds."""
-        return cls(period=float(draw.uniform(5.0, 14.0)), phase=float(draw.uniform(0, 2 * np.pi)))
+    told = "coming and going every {period:.0f} s"
+    ranges: ClassVar[Ranges] = {"period": (5.0, 14.0), "phase": (0, 2 * np.pi)}
+    signed = False
 
     def factor(self, scene: Scene) -> Reals:
         """On and off, within a tenth of a second or so."""
@@ -87,16 +69,13 @@ class HalfTurn(Swell):
     """There over one half of the turn only."""
 
     middle: float
+    ranges: ClassVar[Ranges] = {"middle": (0, 2 * np.pi)}
+    signed = False
 
     @property
     def words(self) -> str:
         """The mechanism."""
         return f"in the half turn about {np.degrees(self.middle):.0f}° only"
-
-    @classmethod
-    def drawn(cls, draw: np.random.Generator) -> Self:
-        """Any half."""
-        return cls(middle=float(draw.uniform(0, 2 * np.pi)))
 
     def factor(self, scene: Scene) -> Reals:
         """On and off within some degrees."""
@@ -122,16 +101,13 @@ class PoseBegins(PoseSwell):
     """Nothing until a part of the poses is done, all of it from then on."""
 
     part: float
+    ranges: ClassVar[Ranges] = {"part": (0.35, 0.65)}
+    signed = False
 
     @property
     def words(self) -> str:
         """The mechanism."""
         return f"after {100 * self.part:.0f} % of the poses"
-
-    @classmethod
-    def drawn(cls, draw: np.random.Generator) -> Self:
-        """About the middle."""
-        return cls(part=float(draw.uniform(0.35, 0.65)))
 
     def factor(self, poses: Poses, machine: MachineDescription) -> Reals:
         """Step."""
@@ -144,16 +120,9 @@ class PoseGrows(PoseSwell):
     """Nothing at first, growing with a power of the number of poses."""
 
     power: float
-
-    @property
-    def words(self) -> str:
-        """The mechanism."""
-        return f"growing from nothing with the poses to the {self.power:.1f}"
-
-    @classmethod
-    def drawn(cls, draw: np.random.Generator) -> Self:
-        """Faster than in proportion."""
-        return cls(power=float(draw.uniform(1.8, 5.0)))
+    told = "growing from nothing with the poses to the {power:.1f}"
+    ranges: ClassVar[Ranges] = {"power": (1.8, 5.0)}
+    signed = False
 
     def factor(self, poses: Poses, machine: MachineDescription) -> Reals:
         """Power of the number."""

@@ -8,7 +8,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from rotary_error_monitor.cases.departures.departure import Departure, Part, Reals, blended, sign
+from rotary_error_monitor.cases.departures.departure import Departure, Part, Ranges, Reals, blended, sign
 from rotary_error_monitor.cases.departures.swells import SIZES
 from rotary_error_monitor.cases.faults import Named
 from rotary_error_monitor.cases.faults.axes import AxisFault
@@ -65,16 +65,8 @@ class PoseWarming(PoseSwell):
 
     lag: float
     most: ClassVar[float] = 0.6
-
-    @property
-    def words(self) -> str:
-        """The mechanism."""
-        return f"changes with temperature by {100 * self.strength:+.3g} %/K, {self.lag:.0f} poses late"
-
-    @classmethod
-    def drawn(cls, draw: np.random.Generator) -> Self:
-        """Part that lags by some poses."""
-        return cls(strength=sign(draw), lag=float(draw.uniform(2.0, 40.0)))
+    told = "changes with temperature by {percent:+.3g} %/K, {lag:.0f} poses late"
+    ranges: ClassVar[Ranges] = {"lag": (2.0, 40.0)}
 
     def factor(self, poses: Poses, machine: MachineDescription) -> Reals:
         """In proportion to the temperature."""
@@ -87,11 +79,7 @@ class LaggingScale(PoseSwell):
 
     most: ClassVar[float] = 80.0
     signed = False  # lags are positive
-
-    @property
-    def words(self) -> str:
-        """The mechanism."""
-        return f"the scale lags the thermometer by {self.strength:.3g} poses"
+    told = "the scale lags the thermometer by {strength:.3g} poses"
 
     def factor(self, poses: Poses, machine: MachineDescription) -> Reals:
         """Own temperature over that of the thermometer."""
@@ -105,11 +93,7 @@ class PoseOneWay(PoseSwell):
 
     letter: str
     most: ClassVar[float] = 0.8
-
-    @property
-    def words(self) -> str:
-        """The mechanism."""
-        return f"where {self.letter} travelled in its negative direction {100 * self.strength:+.3g} % of its size"
+    told = "where {letter} travelled in its negative direction {percent:+.3g} % of its size"
 
     @classmethod
     def drawn(cls, draw: np.random.Generator) -> Self:
@@ -170,11 +154,7 @@ class PoseWander(PoseSwell):
     seed: int
     correlation: float
     most: ClassVar[float] = 0.5
-
-    @property
-    def words(self) -> str:
-        """The mechanism."""
-        return f"wanders by {100 * self.strength:.3g} % within {self.correlation:.0f} poses"
+    told = "wanders by {percent:.3g} % within {correlation:.0f} poses"
 
     @classmethod
     def drawn(cls, draw: np.random.Generator) -> Self:
@@ -192,16 +172,8 @@ class PoseRunIn(PoseSwell):
     """Settles: another size at first, by the strength, which fades within `settling` poses."""
 
     settling: float
-
-    @property
-    def words(self) -> str:
-        """The mechanism."""
-        return f"at first {100 * self.strength:+.3g} % of its size, fading within {self.settling:.0f} poses"
-
-    @classmethod
-    def drawn(cls, draw: np.random.Generator) -> Self:
-        """Within tens of poses, either way."""
-        return cls(strength=sign(draw), settling=float(draw.uniform(15.0, 80.0)))
+    told = "at first {percent:+.3g} % of its size, fading within {settling:.0f} poses"
+    ranges: ClassVar[Ranges] = {"settling": (15.0, 80.0)}
 
     def factor(self, poses: Poses, machine: MachineDescription) -> Reals:
         """Fades exponentially."""
@@ -214,11 +186,7 @@ class StiffeningHead(PoseSwell):
 
     most: ClassVar[float] = 3.0
     signed = False  # springs only stiffen
-
-    @property
-    def words(self) -> str:
-        """The mechanism."""
-        return f"stiffens under its weight: divided by 1 + {self.strength:.3g} at full lever"
+    told = "stiffens under its weight: divided by 1 + {strength:.3g} at full lever"
 
     def factor(self, poses: Poses, machine: MachineDescription) -> Reals:
         """By the lever of the weight."""

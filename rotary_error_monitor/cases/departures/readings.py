@@ -7,7 +7,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from rotary_error_monitor.cases.departures.departure import Part, Reals, sign
+from rotary_error_monitor.cases.departures.departure import Part, Ranges, Reals
 from rotary_error_monitor.cases.departures.forms import Form
 from rotary_error_monitor.cases.draws import ARCSEC
 from rotary_error_monitor.cases.faults import Named
@@ -22,11 +22,7 @@ class UnlikeGains(Form):
     """Interpolation of a head whose sine is larger than its cosine, by the strength times the offset of both."""
 
     most: ClassVar[float] = 1.5
-
-    @property
-    def words(self) -> str:
-        """The mechanism."""
-        return "sine and cosine of the head are of unlike size: a second wave in each line"
+    told = "sine and cosine of the head are of unlike size: a second wave in each line"
 
     def read(self, angle: Reals, stream: str, scene: Scene) -> Reals:
         """Angle of the vector (cosine, sine) with offsets, of which the textbook's wave is the first order."""
@@ -46,11 +42,7 @@ class Saturating(Form):
 
     most: ClassVar[float] = 100.0
     signed = False  # one shape only
-
-    @property
-    def words(self) -> str:
-        """The mechanism."""
-        return f"saturates: cubic divided by 1 + {self.strength:.3g} (tilt / 100 arcsec)²"
+    told = "saturates: cubic divided by 1 + {strength:.3g} (tilt / 100 arcsec)²"
 
     def look(self, tilt: Plane, scene: Scene) -> Plane:
         """Bent axes."""
@@ -65,10 +57,7 @@ class Saturating(Form):
 class UnlikeAxes(Form):
     """The two axes of the detector are bent by unlike amounts, by the strength more and less."""
 
-    @property
-    def words(self) -> str:
-        """The mechanism."""
-        return f"x bent by {100 * self.strength:+.3g} % more, y less"
+    told = "x bent by {percent:+.3g} % more, y less"
 
     def look(self, tilt: Plane, scene: Scene) -> Plane:
         """Bent axes."""
@@ -105,10 +94,7 @@ class SettlingDrift(Form):
 class SkewReticle(Form):
     """One line of the reticle is turned less than the other, by the strength: the axes are out of square as well."""
 
-    @property
-    def words(self) -> str:
-        """The mechanism."""
-        return f"y turned by {100 * self.strength:+.3g} % more than x"
+    told = "y turned by {percent:+.3g} % more than x"
 
     def look(self, tilt: Plane, scene: Scene) -> Plane:
         """Two axes turned by angles of their own."""
@@ -124,11 +110,7 @@ class BentGain(Form):
     """The gain of an instrument changes with what it shows; strength at 20 arcsec or 5 µm."""
 
     most: ClassVar[float] = 2.0
-
-    @property
-    def words(self) -> str:
-        """The mechanism."""
-        return f"gain changes with what is shown, by {100 * self.strength:+.3g} % at 20 arcsec or 5 µm"
+    told = "gain changes with what is shown, by {percent:+.3g} % at 20 arcsec or 5 µm"
 
     def look(self, tilt: Plane, scene: Scene) -> Plane:
         """Bent and stretched axis of the autocollimator."""
@@ -152,11 +134,7 @@ class LobedArtefact(Form):
 
     lobes: int
     phase: float
-
-    @property
-    def words(self) -> str:
-        """The mechanism."""
-        return f"the artefact has {self.lobes} lobes of {100 * self.strength:.3g} % of the shift"
+    told = "the artefact has {lobes} lobes of {percent:.3g} % of the shift"
 
     @classmethod
     def drawn(cls, draw: np.random.Generator) -> Self:
@@ -186,16 +164,9 @@ class OvalRing(Form):
 
     phase: float
     most: ClassVar[float] = 3.0
-
-    @property
-    def words(self) -> str:
-        """The mechanism."""
-        return f"the ring is also oval, by {100 * self.strength:.3g} % of the shift"
-
-    @classmethod
-    def drawn(cls, draw: np.random.Generator) -> Self:
-        """Squeezed along any diameter."""
-        return cls(phase=float(draw.uniform(0, 2 * np.pi)))
+    told = "the ring is also oval, by {percent:.3g} % of the shift"
+    ranges: ClassVar[Ranges] = {"phase": (0, 2 * np.pi)}
+    signed = False
 
     def parts(self, textbook: Named) -> tuple[Part, ...]:
         """The shift, and the oval."""
@@ -215,11 +186,7 @@ class SlowLoss(Form):
 
     most: ClassVar[float] = 12.0
     signed = False  # one shape only
-
-    @property
-    def words(self) -> str:
-        """The mechanism."""
-        return f"lost little by little within {self.strength:.2g} s"
+    told = "lost little by little within {strength:.2g} s"
 
     def read(self, angle: Reals, stream: str, scene: Scene) -> Reals:
         """Ramp in the reading."""
@@ -236,16 +203,8 @@ class CreepingBracket(Form):
 
     lag: float
     most: ClassVar[float] = 0.5
-
-    @property
-    def words(self) -> str:
-        """The mechanism."""
-        return f"the bracket of the head creeps as it warms, {self.lag:.0f} s behind the thermometer"
-
-    @classmethod
-    def drawn(cls, draw: np.random.Generator) -> Self:
-        """Either way, after some seconds."""
-        return cls(strength=sign(draw), lag=float(draw.uniform(2.0, 15.0)))
+    told = "the bracket of the head creeps as it warms, {lag:.0f} s behind the thermometer"
+    ranges: ClassVar[Ranges] = {"lag": (2.0, 15.0)}
 
     def parts(self, textbook: Named) -> tuple[Part, ...]:
         """The misplaced head, and its creep."""
@@ -267,16 +226,9 @@ class PartlyRegained(Form):
     """A part of the lost counts comes back some seconds later, at the reference mark; strength is the part."""
 
     after: float
-
-    @property
-    def words(self) -> str:
-        """The mechanism."""
-        return f"{100 * self.strength:.3g} % come back {self.after:.1f} s later"
-
-    @classmethod
-    def drawn(cls, draw: np.random.Generator) -> Self:
-        """Some seconds later."""
-        return cls(after=float(draw.uniform(2.0, 8.0)))
+    told = "{percent:.3g} % come back {after:.1f} s later"
+    ranges: ClassVar[Ranges] = {"after": (2.0, 8.0)}
+    signed = False
 
     def read(self, angle: Reals, stream: str, scene: Scene) -> Reals:
         """Two steps in the reading."""

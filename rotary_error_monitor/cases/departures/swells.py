@@ -8,7 +8,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from rotary_error_monitor.cases.departures.departure import Departure, Part, Reals, blended, sign
+from rotary_error_monitor.cases.departures.departure import Departure, Part, Ranges, Reals, blended
 from rotary_error_monitor.cases.faults import Named, StageFault
 from rotary_error_monitor.plant.environment import lagged_warming
 from rotary_error_monitor.plant.noise import Noise, Turbulence
@@ -58,16 +58,8 @@ class Warming(Swell):
 
     lag: float
     most: ClassVar[float] = 0.6
-
-    @property
-    def words(self) -> str:
-        """The mechanism."""
-        return f"changes with temperature by {100 * self.strength:+.3g} %/K, {self.lag:.0f} s behind the thermometer"
-
-    @classmethod
-    def drawn(cls, draw: np.random.Generator) -> Self:
-        """Part that lags by some seconds."""
-        return cls(strength=sign(draw), lag=float(draw.uniform(1.0, 15.0)))
+    told = "changes with temperature by {percent:+.3g} %/K, {lag:.0f} s behind the thermometer"
+    ranges: ClassVar[Ranges] = {"lag": (1.0, 15.0)}
 
     def factor(self, scene: Scene) -> Reals:
         """In proportion to the temperature."""
@@ -81,11 +73,7 @@ class OneWay(Swell):
     """Smaller or larger in the negative direction of travel, by the strength."""
 
     most: ClassVar[float] = 0.8
-
-    @property
-    def words(self) -> str:
-        """The mechanism."""
-        return f"in the negative direction {100 * self.strength:+.3g} % of its size"
+    told = "in the negative direction {percent:+.3g} % of its size"
 
     def factor(self, scene: Scene) -> Reals:
         """Between both sizes at rest."""
@@ -97,16 +85,9 @@ class LowSpeed(Swell):
     """Weaker near standstill, by the strength, up to about `speed` rad/s."""
 
     speed: float
-
-    @property
-    def words(self) -> str:
-        """The mechanism."""
-        return f"by {100 * self.strength:.3g} % weaker near standstill, up to {self.speed:.2g} rad/s"
-
-    @classmethod
-    def drawn(cls, draw: np.random.Generator) -> Self:
-        """Speed below those of usual recordings or among them."""
-        return cls(strength=1.0, speed=float(draw.uniform(0.4, 2.5)))
+    told = "by {percent:.3g} % weaker near standstill, up to {speed:.2g} rad/s"
+    ranges: ClassVar[Ranges] = {"speed": (0.4, 2.5)}
+    signed = False
 
     def factor(self, scene: Scene) -> Reals:
         """Rises to its size with the speed."""
@@ -117,10 +98,7 @@ class LowSpeed(Swell):
 class Fast(Swell):
     """Grows with the square of the speed; strength at 6 rad/s."""
 
-    @property
-    def words(self) -> str:
-        """The mechanism."""
-        return f"changes with the square of the speed, by {100 * self.strength:+.3g} % at 6 rad/s"
+    told = "changes with the square of the speed, by {percent:+.3g} % at 6 rad/s"
 
     def factor(self, scene: Scene) -> Reals:
         """In proportion to the square of the speed."""
@@ -157,11 +135,7 @@ class Wander(Swell):
     seed: int
     correlation: float
     most: ClassVar[float] = 0.5
-
-    @property
-    def words(self) -> str:
-        """The mechanism."""
-        return f"wanders by {100 * self.strength:.3g} % within {self.correlation:.0f} s"
+    told = "wanders by {percent:.3g} % within {correlation:.0f} s"
 
     @classmethod
     def drawn(cls, draw: np.random.Generator) -> Self:
@@ -181,16 +155,8 @@ class RunIn(Swell):
     """Runs in: larger or smaller at first by the strength, which fades within `settling` s."""
 
     settling: float
-
-    @property
-    def words(self) -> str:
-        """The mechanism."""
-        return f"at first {100 * self.strength:+.3g} % of its size, fading within {self.settling:.0f} s"
-
-    @classmethod
-    def drawn(cls, draw: np.random.Generator) -> Self:
-        """Within some seconds, either way."""
-        return cls(strength=sign(draw), settling=float(draw.uniform(3.0, 15.0)))
+    told = "at first {percent:+.3g} % of its size, fading within {settling:.0f} s"
+    ranges: ClassVar[Ranges] = {"settling": (3.0, 15.0)}
 
     def factor(self, scene: Scene) -> Reals:
         """Fades exponentially."""
@@ -202,11 +168,7 @@ class Pressed(Swell):
     """Changes while a force presses; strength at 100 N."""
 
     most: ClassVar[float] = 2.0
-
-    @property
-    def words(self) -> str:
-        """The mechanism."""
-        return f"changes under load, by {100 * self.strength:+.3g} % at {TYPICAL_FORCE:.0f} N"
+    told = f"changes under load, by {{percent:+.3g}} % at {TYPICAL_FORCE:.0f} N"
 
     def factor(self, scene: Scene) -> Reals:
         """In proportion to the force."""

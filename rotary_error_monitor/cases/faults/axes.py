@@ -183,11 +183,7 @@ class HeadDroop(ComponentFault):
     """Axis A gives way under the weight of the head."""
 
     coefficient: float
-
-    @property
-    def component(self) -> str:
-        """Positioning error of A."""
-        return "EAA"
+    component = "EAA"
 
     def added(self, q: Reals, u: Reals, direction: Reals, warming: Reals) -> Reals:
         """In proportion to the lever of the weight."""
@@ -222,11 +218,7 @@ class GantrySag(ComponentFault):
     """The gantry bends under the carriage with a bump of its own shape in the middle of the travel."""
 
     sag: float
-
-    @property
-    def component(self) -> str:
-        """Vertical straightness of X."""
-        return "EZX"
+    component = "EZX"
 
     def added(self, q: Reals, u: Reals, direction: Reals, warming: Reals) -> Reals:
         """Narrow bump."""
@@ -254,11 +246,7 @@ class WarmSwivel(ComponentFault):
     """The swivel head grows sideways as it warms, once around C."""
 
     rate: float
-
-    @property
-    def component(self) -> str:
-        """Radial error motion of C."""
-        return "EXC"
+    component = "EXC"
 
     def added(self, q: Reals, u: Reals, direction: Reals, warming: Reals) -> Reals:
         """Once around, in proportion to the temperature."""
@@ -270,11 +258,7 @@ class CableDrag(ComponentFault):
     """Cables pull axis C the more the further it is wound up, against the travel."""
 
     angle: float
-
-    @property
-    def component(self) -> str:
-        """Positioning error of C."""
-        return "ECC"
+    component = "ECC"
 
     def added(self, q: Reals, u: Reals, direction: Reals, warming: Reals) -> Reals:
         """Loop that opens with the winding."""

@@ -6,14 +6,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, Self, TypeVar, dataclass_transform
 
-import numpy as np
-from numpy.typing import NDArray
-
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant.stage import Fault
 
 Pair = tuple[float, float]
-Reals = NDArray[np.float64]
+Reals = Array
 _T = TypeVar("_T", bound="Named")
 
 VOCABULARY: dict[str, type[Named]] = {}

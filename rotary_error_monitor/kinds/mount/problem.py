@@ -60,12 +60,7 @@ class MountProblem(TableProblem[MountGeometry]):
         kept: (n,) pointings that are no outliers.
     """
 
-    names = MappingProxyType(
-        {
-            "hour": "/mount/pointing.hour_angle",
-            "declination": "/mount/pointing.declination",
-        }
-    )
+    names = MappingProxyType({"hour": "/mount/pointing.hour_angle", "declination": "/mount/pointing.declination"})
     unit = ("arcsec", ARCSEC)
     m_open = True
 
@@ -87,10 +82,6 @@ class MountProblem(TableProblem[MountGeometry]):
         super().__init__(self.twin.machine, conditions, still, std, effects, known)
         self._learn(*self._repeatability(()))
 
-    def geometry(self, causes: Sequence[Cause]) -> MountGeometry:
-        """The six angles that fit best beside causes of these sizes."""
-        return self.settled(causes)
-
     def predict(self, state: MountGeometry, causes: Sequence[Cause]) -> Array:
         """(2, n) pointing minus star, rad, with this geometry."""
         return -self.twin.error(state, causes)
@@ -103,7 +94,7 @@ class MountProblem(TableProblem[MountGeometry]):
 
     def nuisance(self, causes: Sequence[Cause]) -> Rows:
         """White rows of one standard uncertainty of each angle of the geometry."""
-        geometry, uncertainty = self.geometry(causes), self.mount.geometry_uncertainty()
+        geometry, uncertainty = self.settled(causes), self.mount.geometry_uncertainty()
         base, columns = self.twin.error(geometry, causes), []
         for step, size in zip(_GEOMETRY_STEP * np.eye(6), uncertainty, strict=True):
             moved = self.twin.error(geometry.plus(tuple(step)), causes)
@@ -180,7 +171,7 @@ class MountProblem(TableProblem[MountGeometry]):
 
     def shown(self, causes: Sequence[Cause]) -> Array:
         """(2, n) what the causes do to the pointing beyond what geometry can do, rad."""
-        geometry, table = self.geometry(causes), self.raw(self.nuisance(causes))
+        geometry, table = self.settled(causes), self.raw(self.nuisance(causes))
         rows = np.concatenate(list(self.twin.error(geometry) - self.twin.error(geometry, causes)))
         fitted, *_ = np.linalg.lstsq(table, rows, rcond=None)
         return np.asarray((rows - table @ fitted).reshape(2, -1), np.float64)
@@ -192,7 +183,7 @@ class MountProblem(TableProblem[MountGeometry]):
     def advice(self, keys: Sequence[tuple[str, str]], causes: Sequence[Cause]) -> str:
         """Pointings that would tell effects apart."""
         first, rivals = next(c for c in causes if c.key == tuple(keys[0])), [self.at_zero(key) for key in keys[1:]]
-        return mount_advice(self.twin, self.geometry((first,)), self.std, first, rivals)
+        return mount_advice(self.twin, self.settled((first,)), self.std, first, rivals)
 
     def remarks(self, rest: Rows) -> tuple[str, ...]:
         """Noise as found, and outliers that were left out."""
@@ -210,8 +201,8 @@ class MountProblem(TableProblem[MountGeometry]):
         With indices only, all of the geometry, and the causes too. Sums of squares of both ways, as pointing analysis
         gives its `sky RMS`; outliers are left out.
         """
-        plain, geometry = self.raw(self.nuisance(())), self.geometry(causes)
-        indices = self.mount.geometry.plus((*self.geometry(()).as_tuple()[:2], 0.0, 0.0, 0.0, 0.0))
+        plain, geometry = self.raw(self.nuisance(())), self.settled(causes)
+        indices = self.mount.geometry.plus((*self.settled(()).as_tuple()[:2], 0.0, 0.0, 0.0, 0.0))
         found = {
             "held_out_indices_arcsec": self._held_out(self.twin.error(indices), plain[:, :2]),
             "held_out_geometry_arcsec": self._held_out(self.error(()), plain),

@@ -32,7 +32,7 @@ class QuadratureKind(Kind[QuadratureDescription, QuadratureEffect, QuadraturePro
     def attempt(self, problem: QuadratureProblem, cause: Cause) -> None:
         """The effect displaces each point of an ideal circle."""
         assert isinstance(cause.effect, QuadratureEffect)
-        turning, amplitude = np.exp(1j * problem.phase), problem.amplitude(())
+        turning, amplitude = np.exp(1j * problem.phase), problem.settled(())
         state = CircleState(turning, amplitude, amplitude * turning)
         moved = cause.effect.displacement(cause.values, cause.location, state)
         check_signal("displacement", moved, problem.phase.shape)

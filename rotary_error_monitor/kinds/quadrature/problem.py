@@ -75,12 +75,8 @@ class QuadratureProblem(TableProblem[float]):
         self._ends = (real.max(), -real.min(), imaginary.max(), -imaginary.min())
         super().__init__(description, sectors, self.radius[None], np.array([noise]), effects, known)
 
-    def amplitude(self, causes: Sequence[Cause]) -> float:
-        """Radius of the ideal circle, counts, that fits best beside causes of these sizes."""
-        return self.settled(causes)
-
     def settle(self, causes: Sequence[Cause]) -> float:
-        """The amplitude that fits best."""
+        """Radius of the ideal circle, counts, that fits best."""
         best = float(np.mean(self.radius))
         for _ in range(3):
             column = self._scale * self._grown(best, causes)
@@ -104,7 +100,7 @@ class QuadratureProblem(TableProblem[float]):
 
     def nuisance(self, causes: Sequence[Cause]) -> Rows:
         """White rows (m, 1) of one standard uncertainty of the amplitude."""
-        column = self._grown(self.amplitude(causes), causes)
+        column = self._grown(self.settled(causes), causes)
         return self.white(self.description.uncertainty * column[None, :, None])
 
     def candidates_of(self, effect: AnyEffect) -> Iterator[Candidate]:
@@ -184,10 +180,10 @@ class QuadratureProblem(TableProblem[float]):
 
     def figures(self, causes: Sequence[Cause]) -> Mapping[str, float]:
         """Spread of the radius before and after, and what the causes do to the phase, in counts, rad and the unit."""
-        amplitude, both = self.amplitude(causes), (*self.known, *causes)
+        amplitude, both = self.settled(causes), (*self.known, *causes)
         change = np.angle(np.exp(1j * true_phase(self.samples, amplitude, both)) * np.conj(self.samples))
         radius = np.abs(self.samples)
-        before = radius - predict_radius(self.samples, self.amplitude(()), self.known)
+        before = radius - predict_radius(self.samples, self.settled(()), self.known)
         after = radius - predict_radius(self.samples, amplitude, both)
         per_radian = self.description.period / (2 * np.pi)
         return {
@@ -212,7 +208,7 @@ class QuadratureProblem(TableProblem[float]):
     def _alike(self, first: tuple[str, ...], second: tuple[str, str], causes: Sequence[Cause]) -> float:
         """Part of the first's change of the radius that the second can make, beyond what the amplitude can."""
         cause, other = next(c for c in causes if c.key == first), self.at_zero(second)
-        base = self.white(self._grown(self.amplitude(()), ())[None, :, None])["radius"][:, 0]
+        base = self.white(self._grown(self.settled(()), ())[None, :, None])["radius"][:, 0]
 
         def columns(of: Cause) -> Array:
             white = self.signature(of, of.effect.indices(Role.LINEAR))["radius"]

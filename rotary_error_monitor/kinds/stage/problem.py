@@ -93,6 +93,9 @@ class StageProblem:
         effects: the known effects.
         known: effects that the twin has besides its parameters.
         whole: what is known of the whole, where the recording is a stretch of a longer one.
+
+    Attributes:
+        conditions: blocks of constant commanded speed, cut to at least a second.
     """
 
     m_open = False
@@ -119,12 +122,11 @@ class StageProblem:
         self._nuisances = Nuisances(
             self.twin, others, Rounding(stage, whole.steps), self._measured, self._white, self._jitter
         )
-        raw = self._raw_residual(())
+        raw = self.raw_residual(())
         check_noise(self.twin.times, noise_std(stage))
         unspiked, weights = self._nuisances.taken_from(raw), row_weights(self.twin, whole.steps, whole.force_noise)
         self.noise = StageNoise(stage, recording, unspiked, weights=weights)
-        self._conditions = whole.conditions
-        self.play = whole.play
+        self.conditions, self.play = whole.conditions, whole.play
         self._search = StageSearch(self)
         self._expected: dict[str, Array] = {}
         self._starts: dict[tuple[str, str], Array] = {}
@@ -138,11 +140,6 @@ class StageProblem:
     def channels(self) -> tuple[str, ...]:
         """Channels of rows: with heads `command` and each head, each component of the other sensors."""
         return self.noise.channels
-
-    @property
-    def conditions(self) -> Conditions:
-        """Blocks of constant commanded speed, cut to at least a second."""
-        return self._conditions
 
     @property
     def instants(self) -> int:
@@ -161,11 +158,12 @@ class StageProblem:
 
     def residual(self, causes: Sequence[Cause]) -> Rows:
         """White rows (m, 1) of measured minus predicted."""
-        return self.noise.whiten({name: values[:, :, None] for name, values in self._raw_residual(causes).items()})
+        return self.noise.whiten({name: values[:, :, None] for name, values in self.raw_residual(causes).items()})
 
     def raw_residual(self, causes: Sequence[Cause]) -> Signals:
         """Measured minus predicted (n, k) of each stream, in its unit."""
-        return self._raw_residual(causes)
+        predicted = self._predictions.beside(causes) if self.keeps_signatures else self.twin.predict(causes)
+        return {name: self._measured[name] - values for name, values in predicted.items()}
 
     def signature(self, cause: Cause, indices: Sequence[int], others: Sequence[Cause] = ()) -> Columns:
         """White rows of the derivative of the prediction with respect to values of `cause`, beside `others`."""
@@ -322,7 +320,7 @@ class StageProblem:
         Raises:
             InputError: the recording lasts too little, or the twin describes another stage.
         """
-        raw = self._raw_residual(())
+        raw = self.raw_residual(())
         check_extent(self.recording, raw, self.noise.std)
         check_stage(self.recording, raw, self.twin, self.effects, self.noise.std)
 
@@ -344,7 +342,7 @@ class StageProblem:
 
     def remarks(self, rest: Rows) -> tuple[str, ...]:
         """What was left out of the recording, and sensors noisier than the twin says."""
-        found = [*self.recording.remarks, *left_out(self.twin, partial(self._raw_residual, ()), self.noise.std)]
+        found = [*self.recording.remarks, *left_out(self.twin, partial(self.raw_residual, ()), self.noise.std)]
         found += [f"{name}: {count} spikes left out" for name, count in self.spikes().items() if count]
         found += [*motion_remarks(self.recording, int(self.noise.uncommanded.sum())), *self.noise.slow_remarks()]
         time = self.noise.grid.time
@@ -370,7 +368,7 @@ class StageProblem:
 
     def views(self, channels: Sequence[str], causes: Sequence[Cause]) -> list[View]:
         """Residuals of channels over rotation and over time, before and after the causes, in µrad or µm."""
-        before, after = self._raw_residual(()), self._raw_residual(causes)
+        before, after = self.raw_residual(()), self.raw_residual(causes)
         found = []
         for channel in channels:
             topic, _, field = channel.partition(".")
@@ -387,10 +385,6 @@ class StageProblem:
     def known_start(self, key: tuple[str, str]) -> Array | None:
         """Values from which a candidate that was proposed before is fitted."""
         return self._starts.get(key)
-
-    def _raw_residual(self, causes: Sequence[Cause]) -> Signals:
-        predicted = self._predictions.beside(causes) if self.keeps_signatures else self.twin.predict(causes)
-        return {name: self._measured[name] - values for name, values in predicted.items()}
 
     def _jitter(self, residual: Signals) -> Signals:
         time, jitter = self.noise.grid.time, self.noise.jitter_of(residual)

@@ -78,7 +78,7 @@ class LongStageProblem(StageProblem):
         self.noise = self._stretches[0].noise
         self._channels = tuple(dict.fromkeys(c for s in self._stretches for c in s.channels))
         self._times = self._joined_times()
-        self._conditions = self._stretched(whole.conditions, bounds, read)
+        self.conditions = self._stretched(whole.conditions, bounds, read)
 
     @property
     def channels(self) -> tuple[str, ...]:

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import ListedSensor, StageDescription
+from rotary_error_monitor.metrology.repeated_readings import runs_of
 from rotary_error_monitor.twin.recording import FEWEST_SAMPLES, StageRecording, Stream
 
 SAME = 100
@@ -41,8 +42,7 @@ def _leave(streams: dict[str, Stream], name: str, kept: NDArray[np.bool_]) -> No
 
 def _in_long_runs(values: Array) -> NDArray[np.bool_]:
     """(n,) which samples are among `SAME` or more equal ones."""
-    starts = np.flatnonzero(np.diff(values, prepend=np.nan) != 0)
-    lengths = np.diff(np.append(starts, len(values)))
+    _, lengths = runs_of(values)
     return np.repeat(lengths >= SAME, lengths)
 
 

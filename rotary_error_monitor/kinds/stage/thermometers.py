@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from rotary_error_monitor.description.stage import ListedSensor, StageDescription
+from rotary_error_monitor.metrology.reading_noise import noise_of
 from rotary_error_monitor.metrology.repeated_readings import longest_run, run_by_chance
 from rotary_error_monitor.sensors.library import input_of
 from rotary_error_monitor.twin.recording import StageRecording, Stream
-from rotary_error_monitor.twin.stage import MEDIAN_OF_DIFFERENCES
 
 LOUD = 3.0
 """Times the stated scatter from which it is said: what data sheets state is met within a factor of two."""
@@ -75,8 +75,7 @@ def _loud(name: str, stream: Stream, sensor: ListedSensor) -> list[str]:
     stated = math.hypot(sensor.noise, sensor.resolution / math.sqrt(12))
     if sensor.is_slow or len(stream.time) < _JUDGED:  # what is slow may change between two readings
         return []
-    apart = np.median(np.abs(np.diff(stream.values, axis=0)), axis=0)
-    seen = float(apart.max()) / MEDIAN_OF_DIFFERENCES
+    seen = float(noise_of(stream.values).max())
     if seen <= LOUD * stated + sensor.resolution:
         return []
     return [f"{name}: scatters by {seen:.2g} {sensor.unit}, where noise and resolution state {stated:.2g}"]

@@ -18,9 +18,10 @@ from rotary_error_monitor.description.stage import FORCE, ListedSensor
 from rotary_error_monitor.effects.rotor import RotorState, StageEffect
 from rotary_error_monitor.gap.problem import FIRST_ORDER
 from rotary_error_monitor.metrology.forces import LoadCell, load_cell, shares
+from rotary_error_monitor.metrology.reading_noise import noise_of
 from rotary_error_monitor.metrology.reading_steps import step_of
 from rotary_error_monitor.twin.recording import StageRecording, Stream
-from rotary_error_monitor.twin.stage import MEDIAN_OF_DIFFERENCES, NEIGHBOURS, Acting, StageInputs, StageTwin, turned_by
+from rotary_error_monitor.twin.stage import NEIGHBOURS, Acting, StageInputs, StageTwin, turned_by
 
 TEMPERATURE = "temperature"
 
@@ -67,7 +68,7 @@ def uncertain_forces(twin: StageTwin, recording: StageRecording) -> tuple[OtherT
     elif FORCE in recording.streams:
         read = recording.streams[FORCE]
         steps = [step_of(axis) for axis in read.values.T]
-        seen = np.median(np.abs(np.diff(read.values, axis=0)), axis=0) / MEDIAN_OF_DIFFERENCES
+        seen = noise_of(read.values)
         for axis, (step, noise) in enumerate(zip(steps, seen, strict=True)):
             pushed += _of_own_cell(read, axis, step, float(noise))
         variances = [float(noise**2) + step**2 / 4 for noise, step in zip(seen, steps, strict=True)]
@@ -94,8 +95,7 @@ class ForceNoise:
         if FORCE not in recording.streams:
             return cls()
         read = recording.streams[FORCE]
-        seen = np.median(np.abs(np.diff(read.values, axis=0)), axis=0) / MEDIAN_OF_DIFFERENCES
-        pushes = (_Pushed(noise * axis, where_it_acts=True) for noise, axis in zip(seen, np.eye(2), strict=True))
+        pushes = (_Pushed(force, where_it_acts=True) for force in np.diag(noise_of(read.values)))
         return cls(tuple(OtherTwin(twin, push) for push in pushes), read.period)
 
     def squares(self, twin: StageTwin, stream: str) -> Array:
@@ -186,8 +186,7 @@ def _unknown(last: float) -> list[Course]:
 def _noisy(temperature: Stream, stated: float | None = None) -> list[Course]:
     """Cosines over the recording, each as large as white noise of the thermometer has it: as stated, K, or as seen."""
     count, begin = len(temperature.time), float(temperature.time[0])
-    seen = float(np.median(np.abs(np.diff(temperature.values[:, 0])))) / MEDIAN_OF_DIFFERENCES if count > 1 else 0.0
-    noise = seen if stated is None else stated
+    noise = float(noise_of(temperature.values)[0]) if stated is None else stated
     span = max(float(temperature.time[-1]) - begin, np.finfo(np.float64).tiny)
 
     def course(order: int) -> Course:

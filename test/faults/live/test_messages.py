@@ -8,6 +8,7 @@ import pytest
 from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from received_blocks import block_of
 from sensor_msgs.msg import Imu, JointState
 
 from faults.documenting import Row, shows
@@ -268,5 +269,5 @@ def test_every_kind_of_wrong_message_is_wrong():
     assert len(BlockDecoder().decode(stranger.a_million(topic)).rows) == stranger.MILLION
     for make in (stranger.big_endian, stranger.empty, stranger.wrong_types):
         with pytest.raises(InputError):
-            messages.block_from_message(make(topic))
+            block_of(make(topic))
     assert isinstance(messages.joint_state_message(1, "", ["X"], [0.0], [0.0]), JointState)

@@ -185,7 +185,7 @@ def phase_changed_by(problem, diagnosis, names):
     """(n,) phase of each sample less what it shows, rad, for some of the causes."""
     causes = [found.cause for found in diagnosis.causes if found.cause.effect.name in names]
     assert {cause.effect.name for cause in causes} == set(names)
-    amplitude = problem.amplitude([found.cause for found in diagnosis.causes])
+    amplitude = problem.settled([found.cause for found in diagnosis.causes])
     return true_phase(problem.samples, amplitude, causes) - np.angle(problem.samples)
 
 

@@ -9,13 +9,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
+from described_stages import stage_of
 from faults.documenting import Row, shows
 from world import Options, make_recording
 from world.recording import FORCE
 
 from rotary_error_monitor.bags.writer import write_messages
 from rotary_error_monitor.cli import main
-from rotary_error_monitor.description.stage import stage_from_mapping
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
@@ -68,7 +68,7 @@ def recorded(seed, sensors, named=None, more=True, seconds=SECONDS):
 
 def problem_of(recording, sensors, named=None, without=(FORCE,), change=None):
     """Of the described stage, without the topic of the built-in load cell."""
-    stage = stage_from_mapping(section(sensors, named))
+    stage = stage_of(section(sensors, named))
     topics = {topic: blocks for topic, blocks in recording.blocks.items() if topic not in without}
     if change is not None:
         change(topics)
@@ -275,6 +275,6 @@ def test_noise_of_the_load_cell_is_no_gap_however_good_the_heads_are(seed):
         replace(block, rows=block.rows + np.insert(0.5 * draw.normal(size=(len(block.rows), 2)), 0, 0.0, axis=1))
         for block in topics[FORCE]
     ]
-    stage = stage_from_mapping(described)
+    stage = stage_of(described)
     found = diagnose(stage_problem(stage, record_stage(topics, "abcd", without=("lvdt",)), EFFECTS))
     assert found.verdict is Verdict.NO_GAP, found.as_mapping()["remainder"]

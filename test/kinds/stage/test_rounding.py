@@ -13,11 +13,11 @@ from functools import cache
 import numpy as np
 import pytest
 import yaml
+from described_stages import stage_of
 from draws import ALL
 from world import Options, make_recording
 from world.recording import AUTOCOLLIMATOR, FORCE, LVDT, head_topic
 
-from rotary_error_monitor.description.stage import stage_from_mapping
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
@@ -111,7 +111,7 @@ def problem_of(seed, way, ratio, coarse, more=True):
             continue
         step = steps.get(topic, 0.0)
         topics[topic] = [replace(block, rows=stepped(block.rows, step, way)) for block in blocks]
-    stage = stage_from_mapping(section)
+    stage = stage_of(section)
     without = () if stage.lvdt else ("lvdt",)
     return stage_problem(stage, record_stage(topics, "abcd", without=without, listed=tuple(stage.listed)), EFFECTS)
 

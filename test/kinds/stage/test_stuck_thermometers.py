@@ -8,11 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from described_stages import stage_of
 from faults.documenting import Row, shows
 from kinds.stage.test_thermometers import EFFECTS, section
 from world import Options, make_recording
 
-from rotary_error_monitor.description.stage import stage_from_mapping
 from rotary_error_monitor.kinds.stage.stretches import stage_problem
 from rotary_error_monitor.kinds.stage.thermometers import with_useful_inputs
 from rotary_error_monitor.twin.recording import StageRecording, Stream, record_stage
@@ -22,7 +22,7 @@ NAME, TOPIC = "thermometer_bearing", "/stage/thermometer_bearing/samples"
 
 def read(noise, resolution, temperature, seed):
     """What `with_useful_inputs` makes of a thermometer of such noise and resolution that reads `temperature` (n,)."""
-    stage = stage_from_mapping(section(("bearing",)))
+    stage = stage_of(section(("bearing",)))
     stage = replace(stage, inputs={NAME: replace(stage.inputs[NAME], noise=noise, resolution=resolution)})
     noisy = temperature + noise * np.random.default_rng(seed).normal(size=len(temperature))
     shown = np.round(noisy / resolution) * resolution if resolution else noisy
@@ -82,7 +82,7 @@ def test_a_stuck_thermometer_is_left_out_of_a_diagnosis_and_a_sound_one_is_not(s
     rates = {f"/stage/head_{head}/samples": 200.0 for head in "abcd"} | {TOPIC: 5.0}
     options = Options.textbook(motion="both_directions", peak_speed=5.0, rates=rates, noise=1.0, quantise=True)
     topics = dict(make_recording(seed, duration=12.0, stage=section(), options=options).blocks)
-    stage = stage_from_mapping(section())
+    stage = stage_of(section())
     for stuck in (False, True):
         if stuck:
             kept = topics[TOPIC][len(topics[TOPIC]) // 3].rows[-1, 1]

@@ -10,11 +10,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
+from described_stages import stage_of
 from world import Options, make_recording
 
 from rotary_error_monitor.bags.writer import write_messages
 from rotary_error_monitor.cli import main
-from rotary_error_monitor.description.stage import stage_from_mapping
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
@@ -54,7 +54,7 @@ def recorded(seed, drifts, seconds=SECONDS):
 
 def problem_of(recording, places=PLACES):
     """Of a stage that lists thermometers at some of the places; the others are in no file and no bag."""
-    stage = stage_from_mapping(section(places))
+    stage = stage_of(section(places))
     gone = [f"/stage/thermometer_{place}/samples" for place in PLACES if place not in places]
     topics = {topic: blocks for topic, blocks in recording.blocks.items() if topic not in gone}
     return stage_problem(stage, record_stage(topics, "abcd", without=("lvdt",), listed=tuple(stage.listed)), EFFECTS)
@@ -117,7 +117,7 @@ def test_effects_at_places_follow_the_formula():
         "range": 1e-4,
         "uncertainty": 1e-7,
     }
-    stage = stage_from_mapping(section() | {"sensors": {**section()["sensors"], "nose": probe}})
+    stage = stage_of(section() | {"sensors": {**section()["sensors"], "nose": probe}})
     time = np.linspace(0.0, 10.0, 50)
     twin = StageTwin(stage, problem.twin.inputs, {"head_a": time, "head_c": time, "axial_probe_nose": time})
     causes = (
@@ -162,7 +162,7 @@ def test_what_a_thermometer_does_not_tell_acts_beside_causes_at_its_place():
 def test_a_thermometer_of_no_use_is_left_out_and_said(change, told):
     topics = dict(recorded(1, {}, 12.0).blocks)
     change(topics, "/stage/thermometer_bearing/samples")
-    stage = stage_from_mapping(section())
+    stage = stage_of(section())
     problem = stage_problem(stage, record_stage(topics, "abcd", without=("lvdt",), listed=tuple(stage.listed)), EFFECTS)
     assert set(problem.stage.thermometers) == {"housing"} == set(problem.twin.inputs.warmings)
     assert any(re.search(f"thermometer_bearing.*{told}", remark) for remark in problem.recording.remarks)

@@ -1,0 +1,22 @@
+"""What a compensation makes of its inputs, one after another."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from rotary_error_monitor.metrology.error_motion import ErrorMotion
+from rotary_error_monitor.pipeline.compensation import CompensationOutput, Compensator
+
+
+def push_error_motion(compensator: Compensator, motion: ErrorMotion) -> CompensationOutput:
+    """What can be computed as soon as the compensator has the error motion."""
+    compensator.accept_error_motion(motion)
+    return compensator.advance()
+
+
+def push_joint_state(
+    compensator: Compensator, stamp_ns: int, positions: Mapping[str, float], velocities: Mapping[str, float]
+) -> CompensationOutput:
+    """What can be computed as soon as the compensator has the joint state."""
+    compensator.accept_joint_state(stamp_ns, positions, velocities)
+    return compensator.advance()
