@@ -13,7 +13,7 @@ from rclpy.serialization import deserialize_message
 from std_msgs.msg import Header
 
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.signals.admission import AHEAD_NS
+from rotary_error_monitor.signals.arrival import AHEAD_NS
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 
 STANDSTILL = 0.8

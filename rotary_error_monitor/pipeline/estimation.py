@@ -32,7 +32,7 @@ from rotary_error_monitor.pipeline.stream_limits import is_saturated, stream_lim
 from rotary_error_monitor.pipeline.ticks import AUTOCOLLIMATOR as AUTOCOLLIMATOR
 from rotary_error_monitor.pipeline.ticks import COMMAND as COMMAND
 from rotary_error_monitor.pipeline.ticks import TickMaker
-from rotary_error_monitor.signals.admission import ArrivalCheck
+from rotary_error_monitor.signals.arrival import ArrivalCheck
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.signals.resampling import Resampled, count_decided, resample_all, tick_times
 from rotary_error_monitor.signals.streams import SampleStream

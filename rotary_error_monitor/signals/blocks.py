@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.errors import InputError, excerpt
+from rotary_error_monitor.signals.kernel import chosen_kernel
 
 NANOSECONDS = 1_000_000_000
 
@@ -28,15 +29,23 @@ class SampleBlock:
     names: tuple[str, ...]
     rows: NDArray[np.float64]
 
-    @cached_property
+    @property
     def times_ns(self) -> NDArray[np.int64]:
         """(n,) timestamp (ns) of each sample."""
-        return self.stamp_ns + np.rint(self.rows[:, 0] * 1e9).astype(np.int64)
+        return self._stamps[0]
 
     @property
     def newest_ns(self) -> int:
         """Timestamp (ns) of the newest sample, wherever in the block it stands."""
-        return int(self.times_ns.max())
+        times, newest = self._stamps
+        return int(times.max()) if newest is None else newest
+
+    @cached_property
+    def _stamps(self) -> tuple[NDArray[np.int64], int | None]:
+        """Timestamps of all samples, and of the newest one where the library computed it."""
+        kernel = chosen_kernel()
+        found = None if kernel is None else kernel.times(self.rows, self.stamp_ns)
+        return (self.stamp_ns + np.rint(self.rows[:, 0] * 1e9).astype(np.int64), None) if found is None else found
 
     def column(self, name: str) -> NDArray[np.float64]:
         """(n,) samples of one field.
