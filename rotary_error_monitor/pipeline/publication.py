@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.two_axis_section import DISTORTIONS
 from rotary_error_monitor.metrology.agreement import chi_square_bound
-from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.metrology.periodic_curves import curve_in_radial
 from rotary_error_monitor.metrology.responses import distortion_variance
@@ -262,8 +261,3 @@ class AssemblyVariance:
         rolls = [sign * self.roll_angle for sign in ((1, -1) if axis is None else ((1, -1)[axis],))]
         found = [distortion_variance(roll, self.distortion, along, across) for roll in rolls]
         return np.asarray(linear + np.max(found, axis=0))
-
-
-def redundancy_of(layout: HeadLayout | None) -> int:
-    """Contradictions that would show among the heads of a layout; none without one."""
-    return 0 if layout is None else layout.redundancy

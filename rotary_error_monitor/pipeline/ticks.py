@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,14 +31,15 @@ TURN = 2 * np.pi
 
 @dataclass(frozen=True)
 class Ticks:
-    """What m ticks show that all have the same streams.
+    """What m ticks show.
 
     Attributes:
         motion: error motion, before anything is doubted.
         evidence: (m, l) what they say about their streams, columns as in `pipeline.evidence`.
         parity: (m, h) contradiction of the heads, rad.
         disagreement: (m,) of the heads, in standard deviations.
-        layout: of the heads that were used; None where these do not tell the rotation.
+        layout: of the heads that were used; None where these do not tell the rotation. Of several the last one.
+        redundancy: (m,) contradictions among the heads that were used which would show.
         readings: (m, P) what the instruments read, of a stage without heads; else (m, 0).
     """
 
@@ -47,14 +48,37 @@ class Ticks:
     parity: NDArray[np.float64]
     disagreement: NDArray[np.float64]
     layout: HeadLayout | None
+    redundancy: NDArray[np.int64]
     readings: NDArray[np.float64]
+
+    @staticmethod
+    def joined(parts: Sequence[Ticks], order: NDArray[np.int64]) -> Ticks:
+        """Parts one after another, and of all of these ticks those that `order` names."""
+        joined = (
+            np.concatenate([getattr(part, name) for part in parts])[order]
+            for name in ("evidence", "parity", "disagreement", "redundancy", "readings")
+        )
+        evidence, parity, disagreement, redundancy, readings = joined
+        layout = next((part.layout for part in reversed(parts) if part.layout is not None), None)
+        motion = ErrorMotion.joined([part.motion for part in parts]).at(order)
+        return Ticks(motion, evidence, parity, disagreement, layout, redundancy, readings)
 
 
 class TickMaker:
     """Makes error motion of samples for one stage."""
 
-    def __init__(self, stage: StageDescription, heads: Mapping[str, float], period: float) -> None:
-        """For ticks that are `period` (s) apart; `heads` gives the azimuth (rad) by name of the stream."""
+    def __init__(
+        self, stage: StageDescription, heads: Mapping[str, float], bits: Mapping[str, int], period: float
+    ) -> None:
+        """For ticks that are `period` (s) apart.
+
+        Args:
+            stage: description of the stage.
+            heads: azimuth (rad) by name of the stream.
+            bits: of each stream in a mask, by name.
+            period: s.
+        """
+        self._bits = dict(bits)
         self._stage = stage
         self._heads = dict(heads)
         self._period = period
@@ -77,6 +101,29 @@ class TickMaker:
         if azimuths not in self._layouts:
             self._layouts[azimuths] = HeadLayout(azimuths)
         return self._layouts[azimuths]
+
+    def make_each(
+        self,
+        sampled: Mapping[str, Resampled],
+        there: NDArray[np.int64],
+        used: NDArray[np.int64],
+        rates: Mapping[str, float],
+    ) -> Ticks:
+        """As `make`, where each of m ticks has streams of its own: (m,) masks of those that are there and used."""
+        groups = set(zip(there.tolist(), used.tolist(), strict=True))
+        if len(groups) == 1:
+            return self.make(sampled, *map(self._names, groups.pop()), rates)
+        parts, places = [], []
+        for both in groups:
+            chosen = np.flatnonzero((there == both[0]) & (used == both[1]))
+            some = {name: each.at(chosen) for name, each in sampled.items()}
+            parts.append(self.make(some, *map(self._names, both), rates))
+            places.append(chosen)
+        return Ticks.joined(parts, np.argsort(np.concatenate(places)))
+
+    def _names(self, mask: int) -> tuple[str, ...]:
+        """Streams of a bit mask."""
+        return tuple(name for name, bit in self._bits.items() if mask & bit)
 
     def make(
         self,
@@ -118,7 +165,8 @@ class TickMaker:
         if whole is not None:
             seen[:, evidence.INDEX["agreement"]] = whole.disagreement**2
         readings = self._readings.read(sampled, there, count) if self._readings else np.empty((count, 0))
-        return Ticks(motion, seen, parity, disagreement, layout, readings)
+        redundancy = np.full(count, 0 if layout is None else layout.redundancy)
+        return Ticks(motion, seen, parity, disagreement, layout, redundancy, readings)
 
     def _ring(
         self, heads: tuple[str, ...], sampled: Mapping[str, Resampled]

@@ -39,9 +39,12 @@ class ArrivalCheck:
                 f"an age limit of {self.max_age_ns} ns and {self.ahead_ns} ns ahead; expected above 0 and at least 0"
             )
 
-    def newest_of(self, times: NDArray[np.int64], arrival_ns: int) -> int:
-        """Timestamp (ns) of the newest of samples at `times` (n,) that is not in the future; of all, where all are."""
-        newest = int(times.max())
+    def newest_of(self, times: NDArray[np.int64], arrival_ns: int, newest_ns: int | None = None) -> int:
+        """Timestamp (ns) of the newest of samples at `times` (n,) that is not in the future; of all, where all are.
+
+        That of the newest of all may be known.
+        """
+        newest = int(times.max()) if newest_ns is None else newest_ns
         if newest - arrival_ns <= self.ahead_ns:
             return newest
         come = times[times <= arrival_ns + self.ahead_ns]

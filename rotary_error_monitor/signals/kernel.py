@@ -86,7 +86,7 @@ class Kernel:
         return bool(found)
 
     def decided(self, grid: Grid, times: NDArray[np.int64], ticks: NDArray[np.int64]) -> int | None:
-        """What `count_decided` counts, of one sample at least; None where arrays do not lie as the library takes them."""
+        """What `count_decided` counts, of a sample at least; None where arrays do not lie as the library takes them."""
         if not (is_plain(times, INTEGERS) and is_plain(ticks, INTEGERS)):
             return None
         found: int = self._decided(ctypes.addressof(grid), address(times), len(times), address(ticks), len(ticks))
@@ -123,7 +123,7 @@ class Kernel:
             at = ends[3]
         table = (c_int64 * len(described))(
             *described
-        )  # `signal` of compiled/kernel.c: nothing but numbers of this size
+        )  # `signal` of kernel.c has nothing but numbers of this size
         self._resample(ctypes.addressof(grid), ctypes.addressof(table), len(signals), address(ticks), m)
         return results
 

@@ -191,6 +191,11 @@ class SampleStream:
         last = self._expected_ns if self.newest_ns is None else self.newest_ns
         return last is not None and watermark_ns - last > self.patience_ns
 
+    @property
+    def has_gaps(self) -> bool:
+        """Whether samples were missing of late: without, all are whole that `is_whole` is asked for."""
+        return bool(self._gaps)
+
     def is_whole(
         self, ticks_ns: NDArray[np.int64], period_ns: int, *, after_patience: bool = True
     ) -> NDArray[np.bool_]:
