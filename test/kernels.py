@@ -23,11 +23,13 @@ from rotary_error_monitor.description.machine import (
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.libraries import VARIABLE, room_library
 from rotary_error_monitor.machine.kernel import load_kernel
+from rotary_error_monitor.metrology.kernel import chosen_kernel as metrology_kernel
+from rotary_error_monitor.pipeline.kernel import chosen_kernel as pipeline_kernel
 from rotary_error_monitor.signals.kernel import chosen_kernel as signals_kernel
 
 Array = NDArray[np.float64]
 FORMS = ("compiled", "numpy")
-CHOICES = (load_kernel, signals_kernel)
+CHOICES = (load_kernel, signals_kernel, metrology_kernel, pipeline_kernel)
 """Which form computes, of each room that has a library."""
 
 

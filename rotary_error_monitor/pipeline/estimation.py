@@ -234,14 +234,14 @@ class Estimator:
     def _decided_until(self, stream: SampleStream, before: int) -> int:
         """Index of the first tick for which `stream` still misses samples; `before` is what it was until now."""
         assert self._next is not None and stream.newest_ns is not None
-        period = self._settings.period_ns
-        first = max(before, self._next, int(stream.times_ns[0]) // period)
-        if len(stream.times_ns) > 1:  # up to the last sample but one all is decided, however long there was none before
-            first = max(first, int(stream.times_ns[-2]) // period - 1)
+        period, times = self._settings.period_ns, stream.times_ns
+        first = max(before, self._next, int(times[0]) // period)
+        if len(times) > 1:  # up to the last sample but one all is decided, however long there was none before
+            first = max(first, int(times[-2]) // period - 1)
         count = stream.newest_ns // period + 1 - first
         if count <= 0:
             return first
-        return first + count_decided(stream.times_ns, tick_times(first, count, period), period)
+        return first + count_decided(times, first, count, period)
 
     def _advance(self, last: bool = False) -> list[ErrorMotion]:
         if self._next is None:

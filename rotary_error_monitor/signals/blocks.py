@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +12,9 @@ from rotary_error_monitor.errors import InputError, excerpt
 from rotary_error_monitor.signals.kernel import chosen_kernel
 
 NANOSECONDS = 1_000_000_000
+
+_Stamps = tuple[NDArray[np.int64], int | None]
+"""(n,) timestamps (ns) of samples, and that of the newest one where the library computed it."""
 
 
 @dataclass(frozen=True)
@@ -40,12 +42,24 @@ class SampleBlock:
         times, newest = self._stamps
         return int(times.max()) if newest is None else newest
 
-    @cached_property
-    def _stamps(self) -> tuple[NDArray[np.int64], int | None]:
-        """Timestamps of all samples, and of the newest one where the library computed it."""
-        kernel = chosen_kernel()
-        found = None if kernel is None else kernel.times(self.rows, self.stamp_ns)
-        return (self.stamp_ns + np.rint(self.rows[:, 0] * 1e9).astype(np.int64), None) if found is None else found
+    @property
+    def is_timed(self) -> bool:
+        """Whether the library found all times finite and within 2^31 s of the stamp; false where numpy computes."""
+        kept: _Stamps | None = vars(self).get("kept_stamps")  # `cached_property` takes longer than what it saves here
+        if kept is None:
+            kernel = chosen_kernel()
+            kept = None if kernel is None else kernel.times(self.rows, self.stamp_ns)
+            if kept is None:
+                return False
+            vars(self)["kept_stamps"] = kept
+        return kept[1] is not None
+
+    @property
+    def _stamps(self) -> _Stamps:
+        if not self.is_timed and "kept_stamps" not in vars(self):
+            vars(self)["kept_stamps"] = self.stamp_ns + np.rint(self.rows[:, 0] * 1e9).astype(np.int64), None
+        kept: _Stamps = vars(self)["kept_stamps"]
+        return kept
 
     def column(self, name: str) -> NDArray[np.float64]:
         """(n,) samples of one field.

@@ -10,7 +10,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Sequence
 from ctypes import c_double, c_int64, c_void_p
-from functools import cache, lru_cache
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -51,7 +51,7 @@ class Kernel:
         self._decided, self._resample = library.rem_decided, library.rem_resample
         self._times.argtypes = [c_void_p, c_int64, c_int64, c_int64, c_void_p]
         self._admit.argtypes = [c_void_p, c_void_p, c_void_p, c_int64, c_int64, c_void_p, c_void_p]
-        self._decided.argtypes = [c_void_p, c_void_p, c_int64, c_void_p, c_int64]
+        self._decided.argtypes = [c_void_p, c_void_p, c_int64, c_int64, c_int64]
         self._resample.argtypes = [c_void_p, c_void_p, c_int64, c_void_p, c_int64]
         self._times.restype = self._admit.restype = self._decided.restype = c_int64
         self._resample.restype = None
@@ -59,7 +59,8 @@ class Kernel:
     def times(self, rows: NDArray[np.float64], stamp_ns: int) -> tuple[NDArray[np.int64], int] | None:
         """(n,) timestamps (ns) of samples whose rows begin with seconds after the stamp, and the largest of them.
 
-        None where a time is not finite, or the rows do not lie as the library takes them.
+        None where a time is not finite or as far off as no stamp of ROS reaches (2^31 s), or the rows do not lie as the
+        library takes them.
         """
         count = len(rows)
         if count == 0 or not is_plain(rows, REALS):
@@ -85,11 +86,11 @@ class Kernel:
         found = self._admit(ctypes.addressof(limits), address(rows), address(times), len(rows), width, *into)
         return bool(found)
 
-    def decided(self, grid: Grid, times: NDArray[np.int64], ticks: NDArray[np.int64]) -> int | None:
-        """What `count_decided` counts, of a sample at least; None where arrays do not lie as the library takes them."""
-        if not (is_plain(times, INTEGERS) and is_plain(ticks, INTEGERS)):
+    def decided(self, grid: Grid, times: NDArray[np.int64], first: int, count: int) -> int | None:
+        """What `count_decided` counts, of a sample at least; None where times do not lie as the library takes them."""
+        if not is_plain(times, INTEGERS):
             return None
-        found: int = self._decided(ctypes.addressof(grid), address(times), len(times), address(ticks), len(ticks))
+        found: int = self._decided(ctypes.addressof(grid), address(times), len(times), first, count)
         return found
 
     def resample(self, grid: Grid, signals: Sequence[Signal], ticks: NDArray[np.int64]) -> list[Columns] | None:
@@ -121,17 +122,9 @@ class Kernel:
                 )
             )
             at = ends[3]
-        table = (c_int64 * len(described))(
-            *described
-        )  # `signal` of kernel.c has nothing but numbers of this size
+        table = (c_int64 * len(described))(*described)  # `signal` of kernel.c has nothing but numbers of this size
         self._resample(ctypes.addressof(grid), ctypes.addressof(table), len(signals), address(ticks), m)
         return results
-
-
-@lru_cache(maxsize=64)
-def grid_of(period_ns: int, fitted_ns: int, fewest: int, margin: float, max_gap_ns: int) -> Grid:
-    """Ticks as the library takes them: distance, fitted part, fewest samples and margin of a cell, and largest gap."""
-    return Grid(period_ns, fitted_ns, fewest, max_gap_ns, margin)
 
 
 @cache

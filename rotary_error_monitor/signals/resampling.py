@@ -13,11 +13,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.signals.kernel import Grid, chosen_kernel, grid_of
+from rotary_error_monitor.signals.kernel import Grid, chosen_kernel
 
 FEWEST_TO_FIT = 8
 """Samples in a cell from which the fit is used; below it the interpolation has no more noise."""
@@ -60,13 +61,13 @@ def tick_times(first: int, count: int, period_ns: int) -> NDArray[np.int64]:
     return np.arange(first, first + count, dtype=np.int64) * period_ns + period_ns // 2
 
 
-def count_decided(times_ns: NDArray[np.int64], ticks_ns: NDArray[np.int64], period_ns: int) -> int:
-    """How many of the leading `ticks_ns` have all the samples that they will ever need."""
-    if len(times_ns) == 0 or len(ticks_ns) == 0:
+def count_decided(times_ns: NDArray[np.int64], first: int, count: int, period_ns: int) -> int:
+    """How many of the ticks `first`, `first + 1`, … of so many have all the samples that they will ever need."""
+    if len(times_ns) == 0 or count <= 0:
         return 0
     kernel = chosen_kernel()
-    found = None if kernel is None else kernel.decided(_grid(period_ns), times_ns, ticks_ns)
-    return _count_decided(times_ns, ticks_ns, period_ns) if found is None else found
+    found = None if kernel is None else kernel.decided(_grid(period_ns), times_ns, first, count)
+    return _count_decided(times_ns, tick_times(first, count, period_ns), period_ns) if found is None else found
 
 
 def _count_decided(times_ns: NDArray[np.int64], ticks_ns: NDArray[np.int64], period_ns: int) -> int:
@@ -171,8 +172,9 @@ def _fitted(period_ns: int) -> int:
     return round(period_ns * (1 - GUARD))
 
 
+@lru_cache(maxsize=64)
 def _grid(period_ns: int, max_gap_ns: int = 0) -> Grid:
-    return grid_of(period_ns, _fitted(period_ns), FEWEST_TO_FIT, MARGIN * period_ns, max_gap_ns)
+    return Grid(period_ns, _fitted(period_ns), FEWEST_TO_FIT, max_gap_ns, MARGIN * period_ns)
 
 
 def _cells(

@@ -66,6 +66,7 @@ class SampleStream:
         self.begin_ns: int | None = None
         self.patience_ns = patience_ns
         self._expected_ns: int | None = None
+        self._newest_ns: int | None = None
         self._all_times = np.empty(0, np.int64)
         self._all_values = np.empty((0, len(self.names)))
         self._times_at = self._values_at = 0
@@ -87,7 +88,7 @@ class SampleStream:
     @property
     def newest_ns(self) -> int | None:
         """Timestamp (ns) of the latest sample; None before the first."""
-        return int(self._times[-1]) if len(self._times) else None
+        return self._newest_ns
 
     @property
     def late(self) -> int:
@@ -124,6 +125,7 @@ class SampleStream:
                 return 0
             self._append(times, values)
         count, first, last = len(times), int(times[0]), int(times[-1])
+        self._newest_ns = last
         self._note_gap(newest, first)
         if count > 1:
             self._spacing_ns = (last - first) / (count - 1)
@@ -158,6 +160,7 @@ class SampleStream:
         """Forget all samples, as before the first one; counts stay."""
         self.admission.forget()
         self._keep(self._end, self._end)
+        self._newest_ns = None
         self._gaps.clear()
         self._distances.clear()
         self._expected_ns = self.begin_ns = None

@@ -60,11 +60,13 @@ def test_as_many_ticks_are_decided(seed: int) -> None:
     rng = np.random.default_rng(seed)
     times = drawn_times(rng)
     period = int(rng.choice([PERIOD, 200_001, 10_000_000]))
-    ticks = tick_times(int(times.mean()) // period if len(times) else 0, int(rng.integers(0, 40)), period)
+    first, ticks = int(times.mean()) // period if len(times) else 0, int(rng.integers(0, 40))
     found = []
     for form in ("compiled", "numpy"):
         with computing_by(form):
-            found.append([count_decided(times[:n], ticks, period) for n in range(0, len(times), 1 + len(times) // 50)])
+            found.append(
+                [count_decided(times[:n], first, ticks, period) for n in range(0, len(times), 1 + len(times) // 50)]
+            )
     assert found[0] == found[1]
 
 

@@ -12,13 +12,12 @@
 ENTRY const char *rem_source(void) { return SOURCE; }
 
 /* Stamps (ns) of n samples whose rows of k numbers begin with seconds after `stamp`; the largest of them, or the least
- * number there is where a time is not finite or no whole number of ns has room for it. */
+ * number there is where a time is not finite, or further off than stamps of ROS messages reach. */
 ENTRY int64_t rem_times(const double *rows, int64_t n, int64_t k, int64_t stamp, int64_t *times) {
     int64_t newest = INT64_MIN;
     for (int64_t i = 0; i < n; i++) {
-        double since = rint(rows[i * k] * 1e9);
-        if (!(fabs(since) < 0x1p62)) return INT64_MIN;
-        times[i] = stamp + (int64_t)since;
+        if (!(fabs(rows[i * k]) < 0x1p31)) return INT64_MIN;
+        times[i] = stamp + (int64_t)rint(rows[i * k] * 1e9);
         if (times[i] > newest) newest = times[i];
     }
     return newest;
@@ -94,12 +93,13 @@ typedef struct {
     double margin;
 } grid;
 
-/* How many of the leading m ticks have all the samples that they will ever need, of n samples. */
-ENTRY int64_t rem_decided(const grid *of, const int64_t *stamps, int64_t n, const int64_t *ticks, int64_t m) {
+/* How many of m ticks, of which the first is `first` periods after the epoch, have all the samples that they will ever
+ * need, of n samples. */
+ENTRY int64_t rem_decided(const grid *of, const int64_t *stamps, int64_t n, int64_t first, int64_t m) {
     for (int64_t j = 0; j < m; j++) {
-        int64_t begin = ticks[j] - of->period / 2, end = begin + of->fitted;
+        int64_t begin = (first + j) * of->period, end = begin + of->fitted;
         if (stamps[n - 1] < end) return j;
-        if (n > 1 && ticks[j] < stamps[n - 2]) continue;
+        if (n > 1 && begin + of->period / 2 < stamps[n - 2]) continue;
         if (place_of(stamps, n, end) - place_of(stamps, n, begin) < of->fewest) return j;
     }
     return m;
