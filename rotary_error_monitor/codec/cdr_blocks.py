@@ -151,7 +151,7 @@ def _decode(data: bytes, layout: _Layout, *, finite: bool) -> SampleBlock:
     # The copy is aligned, and free of the message's memory.
     rows = np.frombuffer(data, "<f8", count, start).copy().reshape(width, len(layout.names))
     block = SampleBlock(seconds * NANOSECONDS + nanoseconds, layout.names, rows)
-    timed = block.is_timed or bool((np.abs(rows[:, 0]) < _FARTHEST).all())  # NaN is not below
+    timed = block.is_timed() or bool((np.abs(rows[:, 0]) < _FARTHEST).all())  # NaN is not below
     if not timed or (finite and not np.isfinite(rows).all()):
         _refuse_samples(rows, layout.names)
     return block

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,9 +18,9 @@ def planar_sum(harmonics: tuple[PlanarHarmonic, ...], theta: NDArray[np.float64]
     """(n, 2) sum of plane harmonics at rotations `theta` (n,) rad; the same bits for each however many there are."""
     total = np.zeros((len(theta), 2))
     if 0 < len(harmonics) * len(theta) <= _AT_ONCE:
-        angles = np.array([[row.order] for row in harmonics]) * theta
-        weights = np.array([[row.x, row.y] for row in harmonics])[..., None]
-        waves = weights[:, :, 0] * np.cos(angles)[:, None] + weights[:, :, 1] * np.sin(angles)[:, None]
+        orders, by_cos, by_sin = _columns(harmonics)
+        angles = orders * theta
+        waves = by_cos * np.cos(angles)[:, None] + by_sin * np.sin(angles)[:, None]
         for wave in waves:  # one after another, as below
             total += wave.T
         return total
@@ -27,6 +29,15 @@ def planar_sum(harmonics: tuple[PlanarHarmonic, ...], theta: NDArray[np.float64]
         total[:, 0] += row.x[0] * cos + row.x[1] * sin
         total[:, 1] += row.y[0] * cos + row.y[1] * sin
     return total
+
+
+@lru_cache(maxsize=64)
+def _columns(
+    harmonics: tuple[PlanarHarmonic, ...],
+) -> tuple[NDArray[np.float64] | NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """Orders (h, 1), and what cosine and sine of each are multiplied by, (h, 2, 1)."""
+    weights = np.array([[row.x, row.y] for row in harmonics])[..., None]
+    return np.array([[row.order] for row in harmonics]), weights[:, :, 0], weights[:, :, 1]
 
 
 def angular_sum(harmonics: tuple[AngularHarmonic, ...], psi: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -159,11 +159,11 @@ class Admission:
         limits.taken_out = TURN * self._turns
         if not kernel.admit(limits, rows, block.times_ns, into, width):
             return False
-        self._newest_ns, self._last = int(block.times_ns[-1]), rows[-1, 1:]
+        self._newest_ns, self._last = block.newest_ns, rows[-1, 1 : 1 + width]
         if self._turns and not math.isinf(self.limits.speed):
             self._last = _turned_by(self._last, self._turns)
         if noise is not None:
-            self._tail = rows[-_CONTEXT:, 1:].copy()
+            self._tail = rows[-_CONTEXT:, 1 : 1 + width].copy()
         return True
 
     def turn_by(self, turns: int) -> None:

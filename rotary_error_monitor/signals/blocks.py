@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +13,6 @@ from rotary_error_monitor.errors import InputError, excerpt
 from rotary_error_monitor.signals.kernel import chosen_kernel
 
 NANOSECONDS = 1_000_000_000
-
-_Stamps = tuple[NDArray[np.int64], int | None]
-"""(n,) timestamps (ns) of samples, and that of the newest one where the library computed it."""
 
 
 @dataclass(frozen=True)
@@ -31,35 +29,29 @@ class SampleBlock:
     names: tuple[str, ...]
     rows: NDArray[np.float64]
 
-    @property
+    @cached_property
     def times_ns(self) -> NDArray[np.int64]:
         """(n,) timestamp (ns) of each sample."""
-        return self._stamps[0]
+        times = self._compiled_times()
+        return self.stamp_ns + np.rint(self.rows[:, 0] * 1e9).astype(np.int64) if times is None else times
 
-    @property
+    @cached_property
     def newest_ns(self) -> int:
         """Timestamp (ns) of the newest sample, wherever in the block it stands."""
-        times, newest = self._stamps
-        return int(times.max()) if newest is None else newest
+        return int(self.times_ns.max())
 
-    @property
     def is_timed(self) -> bool:
-        """Whether the library found all times finite and within 2^31 s of the stamp; false where numpy computes."""
-        kept: _Stamps | None = vars(self).get("kept_stamps")  # `cached_property` takes longer than what it saves here
-        if kept is None:
-            kernel = chosen_kernel()
-            kept = None if kernel is None else kernel.times(self.rows, self.stamp_ns)
-            if kept is None:
-                return False
-            vars(self)["kept_stamps"] = kept
-        return kept[1] is not None
+        """Whether the library finds all times finite and within 2^31 s of the stamp; false where numpy computes."""
+        return self._compiled_times() is not None
 
-    @property
-    def _stamps(self) -> _Stamps:
-        if not self.is_timed and "kept_stamps" not in vars(self):
-            vars(self)["kept_stamps"] = self.stamp_ns + np.rint(self.rows[:, 0] * 1e9).astype(np.int64), None
-        kept: _Stamps = vars(self)["kept_stamps"]
-        return kept
+    def _compiled_times(self) -> NDArray[np.int64] | None:
+        """Timestamps by the library, with the newest put where both are looked for first."""
+        kernel = chosen_kernel()
+        found = None if kernel is None else kernel.times(self.rows, self.stamp_ns)
+        if found is None:
+            return None
+        vars(self)["times_ns"], vars(self)["newest_ns"] = found
+        return found[0]
 
     def column(self, name: str) -> NDArray[np.float64]:
         """(n,) samples of one field.

@@ -50,7 +50,7 @@ class Kernel:
         self._times, self._admit = library.rem_times, library.rem_admit
         self._decided, self._resample = library.rem_decided, library.rem_resample
         self._times.argtypes = [c_void_p, c_int64, c_int64, c_int64, c_void_p]
-        self._admit.argtypes = [c_void_p, c_void_p, c_void_p, c_int64, c_int64, c_void_p, c_void_p]
+        self._admit.argtypes = [c_void_p, c_void_p, c_int64, c_void_p, c_int64, c_int64, c_void_p, c_void_p]
         self._decided.argtypes = [c_void_p, c_void_p, c_int64, c_int64, c_int64]
         self._resample.argtypes = [c_void_p, c_void_p, c_int64, c_void_p, c_int64]
         self._times.restype = self._admit.restype = self._decided.restype = c_int64
@@ -76,15 +76,16 @@ class Kernel:
 
         Args:
             limits: of the stream, and what is known of the samples before.
-            rows: (n, 1 + width) time and values of at least one sample.
+            rows: time, values and whatever else of at least one sample.
             times: (n,) timestamps (ns).
             into: where there is room for them.
             width: number of values of a sample.
         """
-        if rows.shape[1] != 1 + width or not is_plain(rows, REALS) or not is_plain(times, INTEGERS):
+        count, columns = rows.shape
+        if columns <= width or not is_plain(rows, REALS) or not is_plain(times, INTEGERS):
             return False
-        found = self._admit(ctypes.addressof(limits), address(rows), address(times), len(rows), width, *into)
-        return bool(found)
+        at = ctypes.addressof(limits), address(rows), columns, address(times)
+        return bool(self._admit(*at, count, width, *into))
 
     def decided(self, grid: Grid, times: NDArray[np.int64], first: int, count: int) -> int | None:
         """What `count_decided` counts, of a sample at least; None where times do not lie as the library takes them."""

@@ -140,7 +140,7 @@ class SampleStream:
         """Whether the library took in a block, for all of its samples are beyond doubt."""
         kernel = chosen_kernel()
         count, width = len(block.rows), len(self.names)
-        if kernel is None or count == 0 or block.names[1:] != self.names:
+        if kernel is None or count == 0 or block.names[1 : 1 + width] != self.names:
             return False
         self._make_room(count)
         end = self._end

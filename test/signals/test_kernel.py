@@ -126,7 +126,8 @@ def taken_in(
     blocks: list[SampleBlock], limits: SampleLimits, untils: list[int | None], turns: list[int]
 ) -> list[tuple[object, ...]]:
     """What a stream says of itself after each block."""
-    stream, found = SampleStream(blocks[0].names[1:], 50_000_000, limits), []
+    width = max(1, len(blocks[0].names) - 2)  # of three fields the last one is not of the stream
+    stream, found = SampleStream(blocks[0].names[1 : 1 + width], 50_000_000, limits), []
     for i, (block, until, turned) in enumerate(zip(blocks, untils, turns, strict=True)):
         count = stream.push(SampleBlock(block.stamp_ns, block.names, block.rows.copy()), until)
         if turned:

@@ -51,14 +51,15 @@ static int has_bends(const double *values, int64_t n, int64_t k, const limits *t
     return 0;
 }
 
-/* Copies n samples of k values, rows behind their times, where all of them are beyond doubt; whether they are. */
-ENTRY int64_t rem_admit(const limits *to, const double *rows, const int64_t *stamps, int64_t n, int64_t k,
+/* Copies n samples of k values, which in rows of `width` numbers stand behind the time, where all of them are beyond
+ * doubt; whether they are. */
+ENTRY int64_t rem_admit(const limits *to, const double *rows, int64_t width, const int64_t *stamps, int64_t n, int64_t k,
                         int64_t *times, double *values) {
     int64_t before = to->since;
     double last = to->last;
     if (stamps[n - 1] > to->until) return 0;
     for (int64_t i = 0; i < n; i++) {
-        const double *row = rows + i * (k + 1) + 1;
+        const double *row = rows + i * width + 1;
         int first = i == 0 && to->is_first;
         if (!first && !(stamps[i] > before)) return 0;
         for (int64_t a = 0; a < k; a++) {
