@@ -46,8 +46,8 @@ def error_motion_from_block(block: SampleBlock) -> ErrorMotion:
     Raises:
         InputError: the block lacks one of the columns that each stage has.
     """
-    for name in _ALWAYS:
-        if name not in block.names:
+    if not _has_all(block.names):
+        for name in _ALWAYS:
             block.column(name)  # says what there is
     absent = np.zeros((2, len(block.rows)))
     absent[1] = 1.0
@@ -63,6 +63,11 @@ def error_motion_from_block(block: SampleBlock) -> ErrorMotion:
         doubts.astype(np.int64),
         *beside,
     )
+
+
+@cache
+def _has_all(names: tuple[str, ...]) -> bool:
+    return set(_ALWAYS) <= set(names)
 
 
 @cache

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.arrays import Array, differences
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.errors import InputError
 
@@ -140,13 +140,12 @@ def limit_corrections(
         raise InputError(
             f"corrections of shape {asked.shape} and a state of {len(state.applied)} axes; expected ({count}, {axes})"
         )
-    before = times_ns[:1] if state.time_ns is None else np.array([state.time_ns], dtype=np.int64)
-    interval = np.diff(np.concatenate([before, times_ns])) * 1e-9
+    if count == 0:
+        return LimitedCorrections(asked.copy(), np.zeros(0, dtype=np.int64), state)
+    interval = differences(times_ns, times_ns[0] if state.time_ns is None else state.time_ns) * 1e-9
     if (interval < 0.0).any():
         place = int(np.argmax(interval < 0.0))
         raise InputError(f"pose {place} is {-interval[place]:.9f} s before the one before it; expected times that rise")
-    if count == 0:
-        return LimitedCorrections(asked.copy(), np.zeros(0, dtype=np.int64), state)
 
     finite: NDArray[np.bool_] = np.all(np.isfinite(asked), axis=1)
     use = finite if usable is None else finite & usable
@@ -177,7 +176,7 @@ def _follow(start: Array, wanted: Array, follow: NDArray[np.bool_], reach: Array
     """Corrections (n, m) that follow the wanted ones from `start` by steps within `reach` (n, m); which are shorter."""
     corrections = np.empty_like(wanted)
     shortened = np.zeros(len(wanted), dtype=bool)
-    steps = np.abs(np.diff(wanted, axis=0, prepend=start[None]))
+    steps = np.abs(differences(wanted, start))
     if follow.all() and (steps <= reach).all():
         return wanted.copy(), shortened
     applied = start  # each pose starts from where the one before it ended: no way round a loop

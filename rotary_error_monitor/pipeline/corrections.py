@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import differences
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.description.stage_limits import StageLimits
 from rotary_error_monitor.machine.correction import SolvedCorrections, remaining_offset, solve_axis_corrections
@@ -207,8 +208,8 @@ class CorrectionMaker:
         before, before_ns = np.array(self.state.applied), self.state.time_ns
         limited = limit_corrections(self._limits, self.state, stamps, wanted.corrections, wanted.converged & steady)
         self.state = limited.state
-        elapsed = np.diff(stamps, prepend=stamps[0] if before_ns is None else before_ns) * 1e-9
-        moved = np.diff(limited.corrections, axis=0, prepend=before[None])
+        elapsed = differences(stamps, stamps[0] if before_ns is None else before_ns) * 1e-9
+        moved = differences(limited.corrections, before)
         rates = np.where(elapsed[:, None] > 0, moved / np.where(elapsed > 0, elapsed, 1.0)[:, None], 0.0)
         reports = self._report(poses.at(due), limited.corrections[due], offset[due], spread.reported)
         by_index = dict(zip(due.tolist(), reports, strict=True))
@@ -232,8 +233,8 @@ class CorrectionMaker:
         One that departs for a single pose is left out; what lasts is approached at the rate limit.
         """
         before = (stamps[0], wanted[0]) if self._asked is None else self._asked
-        passed = np.diff(stamps, prepend=before[0]) * 1e-9
-        steps = np.abs(np.diff(wanted, axis=0, prepend=before[1][None]))
+        passed = differences(stamps, before[0]) * 1e-9
+        steps = np.abs(differences(wanted, before[1]))
         self._asked = int(stamps[-1]), wanted[-1]
         late = passed > 2.5e-9 * self._settings.correction_period_ns  # after a pause there is none before
         with np.errstate(invalid="ignore"):
@@ -282,5 +283,6 @@ class CorrectionMaker:
 
 def _rising(numbers: NDArray[np.int64], before: int) -> NDArray[np.int64]:
     """Places of the numbers that are larger than all before them."""
-    largest = np.maximum.accumulate(np.concatenate([[before], numbers[:-1]]))
-    return np.flatnonzero(numbers > largest)
+    largest = np.empty(len(numbers) + 1, np.int64)
+    largest[0], largest[1:] = before, numbers
+    return np.flatnonzero(numbers > np.maximum.accumulate(largest[:-1]))

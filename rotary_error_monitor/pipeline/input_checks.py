@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.joints import AxisPositions
+from rotary_error_monitor.pipeline.kernel import Judged, Tolerated, chosen_kernel
 from rotary_error_monitor.pipeline.verdict import DOUBTS, names_of
 
 MEMORY_NS = 2_000_000_000
@@ -61,7 +62,16 @@ class InputChecks:
         """Checks for a machine with a monitored axis; for one without they are never asked."""
         self._letter = machine.monitored or ""
         self._column = machine.letters.index(machine.monitored) if machine.monitored else 0
-        self._tolerances = tolerances
+        self._tolerances, self._jitter_ns = tolerances, round(tolerances.stamp_tolerance * 1e9)
+        self._compiled = Tolerated(
+            largest_gap=LARGEST_GAP_NS,
+            age_limit=tolerances.age_limit_ns,
+            column=self._column,
+            doubt_ring=1 << DOUBTS.index("ring"),
+            doubt_unverified=1 << DOUBTS.index("unverified"),
+            position=tolerances.position_tolerance,
+            command=tolerances.command_tolerance,
+        )
         self._verified = False
         self._apart = False
         self.forget()
@@ -80,14 +90,8 @@ class InputChecks:
         limits, doubts = self._tolerances, motion.doubts
         commanded = motion.theta - np.where(motion.observable[:, 5], motion.components[:, 5], 0.0)
         self._remember(motion.times_ns, commanded)
-        fresh = axes.known & (axes.age * 1e9 <= limits.age_limit_ns)
-        difference, allowed = self._distance(axes)
-        told = axes.told & fresh
-        agree = ~told | (np.abs(difference) <= limits.position_tolerance)
-        command = ~told | (np.abs(difference) <= allowed)
-        fits = doubts >> DOUBTS.index("ring") & 1 == 0
-        proven = self._proven(doubts)
-        usable = fresh & ~axes.doubted & agree & fits & proven
+        difference, usable, command, fresh, agree, fits, proven = self._judged(axes, doubts)
+        self._verified = bool(proven[-1])
         if fresh[-1]:
             self._apart = not agree[-1]
         last = -1
@@ -117,27 +121,40 @@ class InputChecks:
         kept = slice(int(np.searchsorted(times, ticks[-1] - MEMORY_NS)), None)
         self._times, self._commands = times[kept], commands[kept]
 
-    def _distance(self, axes: AxisPositions) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """(m,) joint state less command at the joint state's own stamp, rad, and how much that may be."""
-        limits = self._tolerances
-        at = np.clip(axes.stamps, self._times[0], self._times[-1])
+    def _judged(self, axes: AxisPositions, doubts: NDArray[np.int64]) -> Judged:
+        """What ticks can be used for, with the commands in memory."""
+        at = np.minimum(np.maximum(axes.stamps, self._times[0]), self._times[-1])
         command = np.interp(at, self._times, self._commands)
-        behind = np.interp(at - round(limits.stamp_tolerance * 1e9), self._times, self._commands)
+        behind = np.interp(at - self._jitter_ns, self._times, self._commands)
+        kernel = chosen_kernel()
+        if kernel is not None:
+            known = (axes.stamped, axes.age, axes.stamps, axes.known, axes.told, axes.doubted)
+            commands = (command, behind)
+            return kernel.judge(self._compiled, self._times, known, commands, doubts, verified=self._verified)
+        limits = self._tolerances
+        difference, allowed = self._distance(axes, command, behind)
+        fresh = axes.known & (axes.age * 1e9 <= limits.age_limit_ns)
+        told = axes.told & fresh
+        agree = ~told | (np.abs(difference) <= limits.position_tolerance)
+        fits_command = ~told | (np.abs(difference) <= allowed)
+        fits = doubts >> DOUBTS.index("ring") & 1 == 0
+        verified = doubts >> DOUBTS.index("unverified") & 1 == 0
+        proven = np.logical_or.accumulate(verified | self._verified)  # now or at any time before
+        usable = fresh & ~axes.doubted & agree & fits & proven
+        return Judged(difference, usable, fits_command, fresh, agree, fits, np.asarray(proven))
+
+    def _distance(
+        self, axes: AxisPositions, command: NDArray[np.float64], behind: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(m,) joint state less command at the joint state's own stamp, rad, and how much that may be."""
         # the position was told for the stamp; `positions` has been carried on from there to the tick
         difference = axes.stamped[:, self._column] - command
         turned = difference - 2 * np.pi * np.rint(difference / (2 * np.pi))
         after = np.clip(np.searchsorted(self._times, axes.stamps), 1, max(len(self._times) - 1, 1))
         gap = self._times[np.minimum(after, len(self._times) - 1)] - self._times[after - 1]
         known = (axes.stamps >= self._times[0]) & (gap <= LARGEST_GAP_NS)
-        allowed = limits.command_tolerance + np.abs(command - behind)
+        allowed = self._tolerances.command_tolerance + np.abs(command - behind)
         return np.where(known, turned, 0.0), allowed
-
-    def _proven(self, doubts: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Whether the description has passed a turn, now or at any time before."""
-        verified = doubts >> DOUBTS.index("unverified") & 1 == 0
-        proven = np.logical_or.accumulate(verified | self._verified)
-        self._verified = bool(proven[-1])
-        return np.asarray(proven)
 
     def _where(self, commanded: float, told: float) -> str:
         turn = 2 * np.pi

@@ -114,6 +114,47 @@ class _Command(ctypes.Structure):
     _fields_ = (("angle", c_void_p), ("bends", c_void_p), ("count", c_int64), ("missed", c_double))
 
 
+class Joints(ctypes.Structure):
+    """`joints` of compiled/joints.h."""
+
+    _fields_ = (
+        *((name, c_void_p) for name in ("stamps", "refused", "values", "quickest", "rotary")),
+        *((name, c_int64) for name in ("count", "refusals", "axes", "lag")),
+        ("longest_step", c_double),
+        ("still", c_double),
+    )
+
+
+class Tolerated(ctypes.Structure):
+    """`tolerances` of compiled/joints.h."""
+
+    _fields_ = (
+        ("stamps", c_void_p),
+        *((name, c_int64) for name in ("count", "largest_gap", "age_limit", "column")),
+        *((name, c_int64) for name in ("doubt_ring", "doubt_unverified")),
+        ("position", c_double),
+        ("command", c_double),
+    )
+
+
+class Judged(NamedTuple):
+    """What m ticks can be used for, and why not, each (m,), as `InputChecks.judge` has it.
+
+    Attributes:
+        difference: joint state less command, rad.
+        usable, command, fresh, agree, fits, proven: whether an offset can be computed, whether the command is believed,
+            and what the first of these follows from.
+    """
+
+    difference: Array
+    usable: NDArray[np.bool_]
+    command: NDArray[np.bool_]
+    fresh: NDArray[np.bool_]
+    agree: NDArray[np.bool_]
+    fits: NDArray[np.bool_]
+    proven: NDArray[np.bool_]
+
+
 class Kernel:
     """The library, called with the package's own arrays."""
 
@@ -123,6 +164,13 @@ class Kernel:
         self._put.argtypes = [c_void_p] * 4
         self._publish.argtypes = [c_void_p] * 2
         self._put.restype = self._publish.restype = None
+        self._axes_at, self._judge = library.rem_axes_at, library.rem_judge
+        self._axes_at.argtypes = [c_void_p, c_void_p, c_int64, c_void_p]
+        self._judge.argtypes = [c_void_p, c_void_p, c_int64, c_int64, c_int64, c_void_p]
+        self._axes_at.restype, self._judge.restype = c_int64, None
+        self._components = library.rem_components
+        self._components.argtypes = [c_void_p, c_void_p, c_void_p, c_int64, c_void_p]
+        self._components.restype = None
 
     def put(
         self,
@@ -186,6 +234,77 @@ class Kernel:
         self._publish(ctypes.addressof(stated), ctypes.addressof(ticks))
         return publish
 
+    def axes_at(
+        self, of: Joints, times: NDArray[np.int64], values: Array, refused: NDArray[np.int64], ticks: NDArray[np.int64]
+    ) -> tuple[list[Array], NDArray[np.int64], NDArray[np.bool_]] | None:
+        """Where the axes stand at ticks (m,): None where no joint state is old enough, or arrays do not lie so.
+
+        Gives positions, directions, turned and stamped (m, axes) and age (m,), stamps (m,), and whether they are known,
+        told and doubted (3, m), as of `AxisPositions`.
+
+        Args:
+            of: the machine's axes; what it says of joint states is filled in.
+            times: stamps (n,) of at least one joint state, ns.
+            values: (n, 2 axes + 1) their rows.
+            refused: stamps of those that were not believed.
+            ticks: timestamps (ns).
+        """
+        stamped = is_plain(times, INTEGERS) and is_plain(refused, INTEGERS) and is_plain(ticks, INTEGERS)
+        if not (stamped and is_plain(values, REALS)):
+            return None
+        m, axes = len(ticks), of.axes
+        size = m * axes
+        of.stamps, of.values, of.refused = address(times), address(values), address(refused)
+        of.count, of.refusals = len(times), len(refused)
+        found, stamps, flags = np.empty(4 * size + m), np.empty(m, np.int64), np.empty((3, m), np.bool_)
+        at, flagged = address(found), address(flags)
+        places = [at, at + 8 * size, at + 16 * size, at + 32 * size, at + 24 * size, address(stamps)]
+        to = (c_int64 * 9)(*places, flagged, flagged + m, flagged + 2 * m)  # `axes` of compiled/joints.h
+        if not self._axes_at(ctypes.addressof(of), address(ticks), m, ctypes.addressof(to)):
+            return None
+        parts: list[Array] = [*found[: 4 * size].reshape(4, m, axes), found[4 * size :]]
+        return parts, stamps, flags
+
+    def judge(
+        self,
+        of: Tolerated,
+        times: NDArray[np.int64],
+        axes: Sequence[Array | NDArray[np.int64] | NDArray[np.bool_]],
+        commands: tuple[Array, Array],
+        doubts: NDArray[np.int64],
+        *,
+        verified: bool,
+    ) -> Judged:
+        """What ticks (m,) can be used for.
+
+        Args:
+            of: how far inputs may be apart; what it says of commands is filled in.
+            times: (n,) stamps of the commands, ns.
+            axes: stamped (m, axes), age, stamps, known, told and doubted (m,) as of `AxisPositions`.
+            commands: (m,) at the stamps of the joint states, and somewhat before, rad.
+            doubts: (m,) masks.
+            verified: whether the description has passed a turn before.
+        """
+        m, kept = len(doubts), list[Any]()
+        of.stamps, of.count = _place(times, kept), len(times)
+        stamped, age, stamps, known, told, doubted = (_place(each, kept) for each in axes)
+        at = (c_int64 * 9)(0, 0, 0, age, stamped, stamps, known, told, doubted)  # `axes` of compiled/joints.h
+        difference, flags = np.empty(m), np.empty((6, m), np.bool_)
+        given = (_place(each, kept) for each in (*commands, doubts))
+        begin = address(flags)
+        to = (c_int64 * 10)(*given, address(difference), *(begin + i * m for i in range(6)))  # `checked`
+        width = axes[0].shape[1]
+        self._judge(ctypes.addressof(of), ctypes.addressof(at), width, m, verified, ctypes.addressof(to))
+        return Judged(difference, *flags)
+
+    def components(self, weights: Array, components: Array, observable: NDArray[np.bool_]) -> Array:
+        """(m, 6) components carried by weights (6, 6); NaN where they depend on what is not observable, (m, 6)."""
+        kept: list[Any] = []
+        carried = np.empty(components.shape)
+        at = [_place(each, kept) for each in (weights, components, observable)]
+        self._components(*at, len(components), address(carried))
+        return carried
+
 
 @cache
 def chosen_kernel() -> Kernel | None:
@@ -198,7 +317,7 @@ def chosen_kernel() -> Kernel | None:
     return None if library is None else Kernel(library)
 
 
-def _place(array: Array | NDArray[np.int64] | None, kept: list[Any]) -> int:
+def _place(array: Array | NDArray[np.int64] | NDArray[np.bool_] | None, kept: list[Any]) -> int:
     """Where the numbers of an array lie in one piece, of it or of a copy that is kept; 0 where there is none."""
     if array is None:
         return 0

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple, replace
+from dataclasses import astuple, fields, replace
 from typing import Any
 
 import numpy as np
 import pytest
 from kernels import computing_by, is_built
 
+from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.description.stage import StageDescription, load_stage
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.evidence import COLUMNS, INDEX, Reach
+from rotary_error_monitor.pipeline.input_checks import InputChecks, Tolerances
+from rotary_error_monitor.pipeline.joints import AxisPositions, JointTrack
+from rotary_error_monitor.pipeline.live_components import Carrier
 from rotary_error_monitor.pipeline.publication import AssemblyVariance, Believed, Publication
 from rotary_error_monitor.pipeline.ticks import TickMaker
 from rotary_error_monitor.pipeline.verdict import DOUBTS, Verdict
@@ -20,6 +24,7 @@ from rotary_error_monitor.signals.resampling import Resampled
 pytestmark = pytest.mark.skipif(not is_built(), reason="the library was not compiled")
 
 COUNTS = [1, 2, 5, 40]
+EPOCH = 1_764_000_000_000_000_000
 
 
 def bits_of(stage: StageDescription) -> dict[str, int]:
@@ -136,3 +141,74 @@ def test_what_goes_out_has_the_bits_of_numpy(seed: int, monkeypatch: pytest.Monk
     assert_same_bits(goes, went)
     for mine, its in zip(astuple(one), astuple(other), strict=True):
         assert_same_bits(mine, its)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_axes_have_the_bits_of_numpy_wherever_joint_states_are(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    machine = load_machine(str(rng.choice(["xyzac_trt", "pan2013"])))
+    count, period = int(rng.choice([0, 1, 2, 30])), int(rng.choice([1_000_000, 10_000_000, 150_000_000]))
+    stamps = EPOCH + period * np.arange(count) + rng.integers(0, period // 4, count)
+    speeds = rng.choice([0.0, 0.01], len(machine.letters))
+    ticks = EPOCH + np.sort(rng.integers(-2 * period, (count + 3) * period, int(rng.choice(COUNTS))))
+    found = []
+    for form in ("compiled", "numpy"):
+        with computing_by(form):
+            track = JointTrack(machine, 30_000_000, 100_000_000)
+            for i, stamp in enumerate(stamps.tolist()):
+                jump = 0.5 if i == 20 else 0.0  # which is not believed, and so doubted
+                angles = {
+                    name: v * 1e-9 * (stamp - EPOCH) + jump for name, v in zip(machine.letters, speeds, strict=True)
+                }
+                left_out = {machine.monitored} if i == 10 else set()
+                track.push(stamp, {name: at for name, at in angles.items() if name not in left_out}, {})
+            found.append(track.at(ticks))
+    for each in fields(AxisPositions):
+        assert_same_bits(getattr(found[0], each.name), getattr(found[1], each.name))
+
+
+def drawn_axes(rng: np.random.Generator, ticks: np.ndarray, axes: int) -> AxisPositions:
+    m = len(ticks)
+    return AxisPositions(
+        *(rng.normal(size=(m, axes)) for _ in range(3)),
+        rng.uniform(0.0, 0.1, m),
+        rng.random(m) < 0.9,
+        ticks - rng.integers(0, 40_000_000, m),
+        1e-3 * rng.normal(size=(m, axes)) + 2 * np.pi * rng.integers(-1, 2, (m, axes)),
+        rng.random(m) < 0.9,
+        rng.random(m) < 0.1,
+    )
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_inputs_are_judged_alike(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    machine = load_machine("xyzac_trt")
+    batches, end = [], EPOCH
+    for size in rng.choice([1, 2, 5, 40], 4):
+        ticks = end + np.cumsum(rng.choice([1_000_000, 3_000_000, 80_000_000], size, p=[0.9, 0.05, 0.05]))
+        motion = drawn_motion(rng, int(size))
+        motion.theta[:] = 1e-3 * rng.normal(size=size)
+        doubts = rng.choice([0, 1 << DOUBTS.index("unverified"), 1 << DOUBTS.index("ring")], size)
+        batches.append((drawn_axes(rng, ticks, len(machine.letters)), replace(motion, times_ns=ticks, doubts=doubts)))
+        end = int(ticks[-1])
+    found = []
+    for form in ("compiled", "numpy"):
+        with computing_by(form):
+            checks = InputChecks(machine, Tolerances(50_000_000, 1e-3, 1e-3, 2e-3))
+            found.append([(checks.judge(*batch), checks.joints_are_sound()) for batch in batches])
+    for (one, sound), (other, is_sound) in zip(*found, strict=True):
+        for name in ("usable", "commanded", "command"):
+            assert_same_bits(getattr(one, name), getattr(other, name))
+        assert (one.hold, one.remarks, sound) == (other.hold, other.remarks, is_sound)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_components_are_carried_alike(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    carrier = Carrier(float(rng.choice([0.0, 0.3])), float(rng.choice([0.0, np.pi / 2, 0.7])))
+    motion, found = drawn_motion(rng, int(rng.choice(COUNTS))), []
+    for form in ("compiled", "numpy"):
+        with computing_by(form):
+            found.append(carrier.components(motion))
+    assert_same_bits(*found)
