@@ -55,6 +55,15 @@ class PackedLayout:
         self.heads, self.redundancy, self.sees_less = weights.shape[1], redundancy, sees_less
 
 
+class Waves:
+    """Orders (k, 1) of some waves, and what cosine and sine of each are multiplied by, (k, columns)."""
+
+    def __init__(self, orders: Sequence[float], by_cos: Sequence[object], by_sin: Sequence[object]) -> None:
+        self.orders = np.array(orders)[:, None]
+        self.by_cos, self.by_sin = (np.array(each, np.float64).reshape(len(orders), -1) for each in (by_cos, by_sin))
+        self.cos_at, self.sin_at = address(self.by_cos), address(self.by_sin)
+
+
 class Kernel:
     """The library, called with the package's own arrays."""
 
@@ -64,6 +73,9 @@ class Kernel:
         self._ring_pose.argtypes = [c_void_p, c_void_p, c_void_p, c_int64, c_void_p]
         self._reading_variance.argtypes = [*[c_double] * 4, c_void_p, c_int64, c_void_p, c_int64, c_int64, c_void_p]
         self._ring_pose.restype = self._reading_variance.restype = None
+        self._wave_sum = library.rem_wave_sum
+        self._wave_sum.argtypes = [c_void_p, c_void_p, c_int64, c_int64, c_void_p, c_void_p, c_int64, c_void_p]
+        self._wave_sum.restype = None
 
     def ring_pose(
         self, packed: PackedLayout, readings: Array, variances: Array
@@ -102,6 +114,14 @@ class Kernel:
         variance = np.empty(travel.shape)
         self._reading_variance(*steps, address(gain), gain.shape[1], address(travel), *travel.shape, address(variance))
         return variance
+
+    def wave_sum(self, waves: Waves, angles: Array) -> Array:
+        """(n, columns) sums of k waves at `angles` (k, n) in one piece, each already multiplied by its order."""
+        cosines, sines = np.cos(angles), np.sin(angles)
+        n, (k, columns) = angles.shape[1], waves.by_cos.shape
+        sums = np.empty((n, columns))
+        self._wave_sum(waves.cos_at, waves.sin_at, k, columns, address(cosines), address(sines), n, address(sums))
+        return sums
 
 
 @cache

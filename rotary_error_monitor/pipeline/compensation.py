@@ -244,7 +244,7 @@ class Compensator:
         self._waiting = [motion.at(slice(count, None))] if count < len(ticks) else []
         if count == 0:
             return CompensationOutput()
-        found = self._compute(motion.at(slice(count)))
+        found = self._compute(motion if count == len(ticks) else motion.at(slice(count)))
         self.joints.trim(int(ticks[count - 1]))
         return found
 

@@ -94,27 +94,25 @@ class InputChecks:
         self._verified = bool(proven[-1])
         if fresh[-1]:
             self._apart = not agree[-1]
-        last = -1
-        told_angle = commanded[last] + difference[last]
-        hold = next(
-            (
+        hold = ""
+        if not usable[-1]:
+            told_angle = commanded[-1] + difference[-1]
+            hold = next(
                 reason
                 for wrong, reason in (
-                    (not axes.known[last], "no joint states: the positions of the other axes are unknown"),
-                    (axes.doubted[last], "joint states are not believed"),
+                    (not axes.known[-1], "no joint states: the positions of the other axes are unknown"),
+                    (axes.doubted[-1], "joint states are not believed"),
                     (
-                        not fresh[last],
-                        f"joint states {axes.age[last]:.2f} s old; limit {limits.age_limit_ns * 1e-9:.2f} s",
+                        not fresh[-1],
+                        f"joint states {axes.age[-1]:.2f} s old; limit {limits.age_limit_ns * 1e-9:.2f} s",
                     ),
-                    (not agree[last], self._where(commanded[last], told_angle)),
-                    (not fits[last], "the stage does not fit its description; the estimator's diagnostics say how"),
-                    (not proven[last], "the stage's description has not been held against a whole turn yet"),
+                    (not agree[-1], self._where(commanded[-1], told_angle)),
+                    (not fits[-1], "the stage does not fit its description; the estimator's diagnostics say how"),
+                    (not proven[-1], "the stage's description has not been held against a whole turn yet"),
                 )
                 if wrong
-            ),
-            "",
-        )
-        return Checked(usable, commanded, command, hold, self._remarks(motion, command[last], difference[last]))
+            )
+        return Checked(usable, commanded, command, hold, self._remarks(motion, command[-1], difference[-1]))
 
     def _remember(self, ticks: NDArray[np.int64], commanded: NDArray[np.float64]) -> None:
         times, commands = np.concatenate([self._times, ticks]), np.concatenate([self._commands, commanded])
@@ -164,13 +162,13 @@ class InputChecks:
         )
 
     def _remarks(self, motion: ErrorMotion, command: np.bool_, difference: np.float64) -> tuple[str, ...]:
-        told = names_of(int(motion.doubts[-1]))
+        told, seen = names_of(int(motion.doubts[-1])), motion.observable[-1].tolist()
         remarks = [_TOLD[name] for name in told if name in _TOLD]
-        if "autocollimator" not in told and not motion.observable[-1, 3:5].all():
+        if "autocollimator" not in told and not all(seen[3:5]):
             remarks.append("tilt from the description: no autocollimator is heard")
-        if not motion.observable[-1, :2].all():
+        if not all(seen[:2]):
             remarks.append("radial error motion from the description: too few sensors show it")
-        if "command" not in told and not motion.observable[-1, 5]:
+        if "command" not in told and not seen[5]:
             remarks.append("angular positioning from the description: nothing is heard that measures it")
         if not command:
             remarks.append(

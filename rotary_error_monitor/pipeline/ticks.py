@@ -181,7 +181,7 @@ class TickMaker:
         encoder = self._stage.ring
         readings = np.concatenate([sampled[name].values for name in heads], axis=1)
         readings = remove_graduation(readings, np.array(layout.azimuths), encoder)
-        gain = np.column_stack([sampled[name].gain for name in heads])
+        gain = np.concatenate([sampled[name].gain[:, None] for name in heads], axis=1)
         travel = np.concatenate([sampled[name].travel for name in heads], axis=1)
         variance = head_variance(encoder, gain, travel)
         return layout, estimate_ring_pose(layout, encoder.disc_radius, readings, variance)

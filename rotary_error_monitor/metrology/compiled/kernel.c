@@ -72,3 +72,15 @@ ENTRY void rem_reading_variance(double noise, double resolution, double square, 
             variance[j * k + a] = g * noise + rounding;
         }
 }
+
+/* Sums (n, columns) of k waves, from cosines and sines (k, n) of their angles and factors (k, columns). */
+ENTRY void rem_wave_sum(const double *by_cos, const double *by_sin, int64_t k, int64_t columns, const double *cosines,
+                        const double *sines, int64_t n, double *sums) {
+    for (int64_t j = 0; j < n; j++)
+        for (int64_t a = 0; a < columns; a++) {
+            double total = 0.0;
+            for (int64_t i = 0; i < k; i++)
+                total += by_cos[i * columns + a] * cosines[i * n + j] + by_sin[i * columns + a] * sines[i * n + j];
+            sums[j * columns + a] = total;
+        }
+}
