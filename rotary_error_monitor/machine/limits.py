@@ -24,6 +24,10 @@ class Outcome(enum.IntEnum):
     LATCHED = 4
 
 
+FOLLOWED, RATE_LIMITED, WARNING, HELD, LATCHED = map(int, Outcome)
+"""The same as they stand in arrays: of an enumeration, Python looks for a member longer than numpy computes."""
+
+
 @dataclass(frozen=True)
 class CorrectionLimits:
     """Limits of the corrections of m axes, each (m,) in m or rad, rates in m/s or rad/s.
@@ -156,10 +160,10 @@ def limit_corrections(
     reach = limits.rate * np.minimum(interval, limits.longest_interval)[:, None]
     corrections, shortened = _follow(np.array(state.applied), np.where(use[:, None], asked, 0.0), follow, reach)
 
-    outcomes = np.where(shortened, Outcome.RATE_LIMITED, Outcome.FOLLOWED).astype(np.int64)
-    outcomes[(size > limits.warning).any(axis=1)] = Outcome.WARNING
-    outcomes[~use] = Outcome.HELD
-    outcomes[latched] = Outcome.LATCHED
+    outcomes = np.where(shortened, RATE_LIMITED, FOLLOWED).astype(np.int64)
+    outcomes[(size > limits.warning).any(axis=1)] = WARNING
+    outcomes[~use] = HELD
+    outcomes[latched] = LATCHED
     reason = state.reason
     if latched[-1] and not state.latched:
         first = int(np.argmax(over))

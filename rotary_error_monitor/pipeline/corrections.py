@@ -14,7 +14,14 @@ from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.description.stage_limits import StageLimits
 from rotary_error_monitor.machine.correction import SolvedCorrections, remaining_offset, solve_axis_corrections
 from rotary_error_monitor.machine.kinematics import arrange_machine
-from rotary_error_monitor.machine.limits import CorrectionState, Outcome, axis_limits, initial_state, limit_corrections
+from rotary_error_monitor.machine.limits import (
+    HELD,
+    CorrectionState,
+    Outcome,
+    axis_limits,
+    initial_state,
+    limit_corrections,
+)
 from rotary_error_monitor.pipeline.joints import pack_directions
 from rotary_error_monitor.pipeline.offset_spread import OffsetSpread, Spread
 from rotary_error_monitor.pipeline.poses import TimedPoses
@@ -160,12 +167,19 @@ class CorrectionMaker:
         """
         chosen = self._correction_ticks(poses.stamps)
         offset, wanted = self._solve(poses, chosen)
-        rows = np.column_stack([offset, poses.age, pack_directions(poses.directions), poses.temperature])
-        blocks = () if described else (block_from_samples(poses.stamps, COLUMNS, rows),)
+        blocks = () if described else (self._block(poses, offset),)
         if wanted is None:
             return CompensationOutput(blocks)
         corrections = self._correct(poses.at(chosen), offset[chosen], wanted, described=described, apply=apply)
         return CompensationOutput(blocks, corrections)
+
+    @staticmethod
+    def _block(poses: TimedPoses, offset: NDArray[np.float64]) -> SampleBlock:
+        """Offsets (n, 6), and what they rest on."""
+        rows = np.empty((len(offset), len(COLUMNS)))
+        rows[:, :6], rows[:, 6] = offset, poses.age
+        rows[:, 7], rows[:, 8] = pack_directions(poses.directions), poses.temperature
+        return block_from_samples(poses.stamps, COLUMNS, rows)
 
     def _solve(
         self, poses: TimedPoses, chosen: NDArray[np.int64]
@@ -224,7 +238,7 @@ class CorrectionMaker:
                 described,
                 by_index.get(int(i)),
             )
-            for i in np.flatnonzero(limited.outcomes < Outcome.HELD)
+            for i in np.flatnonzero(limited.outcomes < HELD)
         )
 
     def _is_steady(self, stamps: NDArray[np.int64], wanted: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -283,6 +297,13 @@ class CorrectionMaker:
 
 def _rising(numbers: NDArray[np.int64], before: int) -> NDArray[np.int64]:
     """Places of the numbers that are larger than all before them."""
+    if len(numbers) <= FEW_POSES:  # then Python is done before numpy has begun
+        places = []
+        for place, number in enumerate(numbers.tolist()):
+            if number > before:
+                places.append(place)
+                before = number
+        return np.array(places, np.int64)
     largest = np.empty(len(numbers) + 1, np.int64)
     largest[0], largest[1:] = before, numbers
     return np.flatnonzero(numbers > np.maximum.accumulate(largest[:-1]))

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -232,7 +233,12 @@ class JointTrack:
 
 def pack_directions(directions: NDArray[np.float64]) -> NDArray[np.float64]:
     """(m,) directions of travel (m, axes) in one number: sum of (sign + 1) * 3^i."""
-    return np.asarray(((directions + 1.0) * 3.0 ** np.arange(directions.shape[1])).sum(axis=1))  # whole numbers: exact
+    return np.asarray((directions + 1.0) @ _powers(directions.shape[1]))  # whole numbers: exact
+
+
+@cache
+def _powers(axes: int) -> NDArray[np.float64]:
+    return 3.0 ** np.arange(axes)
 
 
 def unpack_directions(packed: NDArray[np.float64], axes: int) -> NDArray[np.float64]:

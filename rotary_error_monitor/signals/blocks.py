@@ -86,8 +86,9 @@ def block_from_samples(
     if len(times_ns) == 0 or values.shape != (len(times_ns), len(names)):
         raise InputError(f"{len(times_ns)} times and {len(names)} names do not fit values of shape {values.shape}")
     stamp = int(times_ns[0]) if stamp_ns is None else stamp_ns
-    seconds = (times_ns - stamp) * 1e-9
-    return SampleBlock(stamp, ("t", *names), np.column_stack([seconds, values]).astype("<f8", copy=False))
+    rows = np.empty((len(times_ns), 1 + len(names)), "<f8")
+    rows[:, 0], rows[:, 1:] = (times_ns - stamp) * 1e-9, values
+    return SampleBlock(stamp, ("t", *names), rows)
 
 
 def block_from_bytes(
