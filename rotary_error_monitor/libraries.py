@@ -11,6 +11,7 @@ import functools
 import hashlib
 import os
 import sysconfig
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,8 @@ VARIABLE = "ROTARY_ERROR_MONITOR_KERNEL"
 NAME = f"_kernel{sysconfig.get_config_var('EXT_SUFFIX')}"
 """Name of the file of a room's library, beside its folder of sources."""
 
-_addressof, _from_buffer = ctypes.addressof, ctypes.c_char.from_buffer
+_addressof = ctypes.addressof
+_from_buffer: Callable[[NDArray[Any]], ctypes.c_char] = ctypes.c_char.from_buffer  # type: ignore[assignment]
 
 REALS, INTEGERS = np.dtype(np.float64), np.dtype(np.int64)
 

@@ -160,7 +160,7 @@ class JointTrack:
         reach = -1 if newest is None else newest + self._lag_ns
         if self.stream.is_absent(watermark_ns - self._lag_ns):
             reach = max(reach, watermark_ns)
-        return int(np.searchsorted(ticks_ns, reach, side="right"))
+        return int(ticks_ns.searchsorted(reach, side="right"))
 
     def at(self, ticks_ns: NDArray[np.int64], used_ns: NDArray[np.int64] | None = None) -> AxisPositions:
         """Axes at ticks (m,); `used_ns` names the stamp of the joint state of each tick instead of the rule."""
@@ -223,7 +223,8 @@ class JointTrack:
     def trim(self, before_ns: int) -> None:
         """Forget joint states that no tick from `before_ns` on needs."""
         self.stream.trim(before_ns - self._lag_ns, margin=64)
-        self._refused = self._refused[self._refused > before_ns - self._lag_ns - MEMORY_NS]
+        if len(self._refused):
+            self._refused = self._refused[self._refused > before_ns - self._lag_ns - MEMORY_NS]
 
     def _moved(self, difference: NDArray[np.float64]) -> NDArray[np.float64]:
         """A rotary axis may be told modulo a turn."""

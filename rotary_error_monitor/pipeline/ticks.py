@@ -81,6 +81,7 @@ class TickMaker:
             period: s.
         """
         self._bits = dict(bits)
+        self._names_of: dict[int, tuple[str, ...]] = {}
         self._stage = stage
         self._heads = dict(heads)
         self._period = period
@@ -125,7 +126,9 @@ class TickMaker:
 
     def _names(self, mask: int) -> tuple[str, ...]:
         """Streams of a bit mask."""
-        return tuple(name for name, bit in self._bits.items() if mask & bit)
+        if mask not in self._names_of:
+            self._names_of[mask] = tuple(name for name, bit in self._bits.items() if mask & bit)
+        return self._names_of[mask]
 
     def make(
         self,

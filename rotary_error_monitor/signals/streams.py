@@ -167,7 +167,7 @@ class SampleStream:
 
     def trim(self, before_ns: int, margin: int = 3) -> None:
         """Forget samples stamped before `before_ns`, but the last `margin` of them."""
-        first = int(np.searchsorted(self._times, before_ns)) - margin
+        first = int(self._times.searchsorted(before_ns)) - margin
         if first > 0:
             self._keep(self._begin + first, self._end)
             oldest = int(self._times[0])
