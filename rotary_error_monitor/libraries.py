@@ -64,13 +64,13 @@ def load_library(library: Path, sources: Path) -> tuple[ctypes.CDLL | None, str]
 
 
 @functools.cache
-def room_library(room: Path) -> ctypes.CDLL | None:
-    """The library of a room, by the folder of the room; None where Python and numpy compute.
+def room_library(room: Path) -> tuple[ctypes.CDLL | None, str]:
+    """The same for a room, by its folder.
 
     Raises:
         InputError: the environment asks for what is not there.
     """
-    return load_library(room / NAME, room / "compiled")[0]
+    return load_library(room / NAME, room / "compiled")
 
 
 def source_digest(folder: Path) -> str:

@@ -64,6 +64,9 @@ class Waves:
         self.cos_at, self.sin_at = address(self.by_cos), address(self.by_sin)
 
 
+_ROOM = Path(__file__).parent
+
+
 class Kernel:
     """The library, called with the package's own arrays."""
 
@@ -131,5 +134,5 @@ def chosen_kernel() -> Kernel | None:
     Raises:
         InputError: the environment asks for what is not there.
     """
-    library = room_library(Path(__file__).parent)
+    library = room_library(_ROOM)[0]
     return None if library is None else Kernel(library)

@@ -155,6 +155,9 @@ class Judged(NamedTuple):
     proven: NDArray[np.bool_]
 
 
+_ROOM = Path(__file__).parent
+
+
 class Kernel:
     """The library, called with the package's own arrays."""
 
@@ -313,8 +316,14 @@ def chosen_kernel() -> Kernel | None:
     Raises:
         InputError: the environment asks for what is not there.
     """
-    library = room_library(Path(__file__).parent)
+    library = room_library(_ROOM)[0]
     return None if library is None else Kernel(library)
+
+
+def describe_kernel() -> str:
+    """That ticks are computed by numpy, and why; empty where they are by the library."""
+    reason = room_library(_ROOM)[1]
+    return f"ticks are computed by numpy, which is slower: {reason}" if reason else ""
 
 
 def _place(array: Array | NDArray[np.int64] | NDArray[np.bool_] | None, kept: list[Any]) -> int:

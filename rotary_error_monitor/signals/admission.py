@@ -154,7 +154,7 @@ class Admission:
             limits.tail = address(tail) if len(tail) else None
         limits.until = _AFTER_ALL if until_ns is None else until_ns
         limits.is_first = self._newest_ns is None or self._last is None
-        if not limits.is_first:
+        if self._newest_ns is not None and self._last is not None:
             limits.since, limits.last = self._newest_ns, self._last[0]
         limits.taken_out = TURN * self._turns
         if not kernel.admit(limits, rows, block.times_ns, into, width):

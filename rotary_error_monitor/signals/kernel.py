@@ -42,6 +42,9 @@ class Grid(ctypes.Structure):
     _fields_ = (*((name, c_int64) for name in ("period", "fitted", "fewest", "max_gap")), ("margin", c_double))
 
 
+_ROOM = Path(__file__).parent
+
+
 class Kernel:
     """The library, called with the package's own arrays."""
 
@@ -135,5 +138,5 @@ def chosen_kernel() -> Kernel | None:
     Raises:
         InputError: the environment asks for what is not there.
     """
-    library = room_library(Path(__file__).parent)
+    library = room_library(_ROOM)[0]
     return None if library is None else Kernel(library)
