@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.libraries import REALS, address, is_plain, room_library
@@ -58,7 +59,8 @@ class PackedLayout:
 class Waves:
     """Orders (k, 1) of some waves, and what cosine and sine of each are multiplied by, (k, columns)."""
 
-    def __init__(self, orders: Sequence[float], by_cos: Sequence[object], by_sin: Sequence[object]) -> None:
+    def __init__(self, orders: Sequence[float], by_cos: ArrayLike, by_sin: ArrayLike) -> None:
+        """Waves of such orders; of a single column its factors may be (k,)."""
         self.orders = np.array(orders)[:, None]
         self.by_cos, self.by_sin = (np.array(each, np.float64).reshape(len(orders), -1) for each in (by_cos, by_sin))
         self.cos_at, self.sin_at = address(self.by_cos), address(self.by_sin)

@@ -239,7 +239,7 @@ def pack_directions(directions: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @cache
 def _powers(axes: int) -> NDArray[np.float64]:
-    return 3.0 ** np.arange(axes)
+    return np.asarray(3.0 ** np.arange(axes), np.float64)
 
 
 def unpack_directions(packed: NDArray[np.float64], axes: int) -> NDArray[np.float64]:

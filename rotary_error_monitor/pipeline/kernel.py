@@ -330,7 +330,6 @@ def _place(array: Array | NDArray[np.int64] | NDArray[np.bool_] | None, kept: li
     """Where the numbers of an array lie in one piece, of it or of a copy that is kept; 0 where there is none."""
     if array is None:
         return 0
-    if not array.flags.c_contiguous:
-        array = np.ascontiguousarray(array)
-    kept.append(array)
-    return address(array)
+    whole: NDArray[Any] = array if array.flags.c_contiguous else np.ascontiguousarray(array)
+    kept.append(whole)
+    return address(whole)

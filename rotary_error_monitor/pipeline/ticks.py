@@ -115,12 +115,13 @@ class TickMaker:
         """As `make`, where each of m ticks has streams of its own: (m,) masks of those that are there and used."""
         groups = set(zip(there.tolist(), used.tolist(), strict=True))
         if len(groups) == 1:
-            return self.make(sampled, *map(self._names, groups.pop()), rates)
+            (both,) = groups
+            return self.make(sampled, self._names(both[0]), self._names(both[1]), rates)
         parts, places = [], []
         for both in groups:
             chosen = np.flatnonzero((there == both[0]) & (used == both[1]))
             some = {name: each.at(chosen) for name, each in sampled.items()}
-            parts.append(self.make(some, *map(self._names, both), rates))
+            parts.append(self.make(some, self._names(both[0]), self._names(both[1]), rates))
             places.append(chosen)
         return Ticks.joined(parts, np.argsort(np.concatenate(places)))
 
@@ -151,22 +152,23 @@ class TickMaker:
         if not self._heads and COMMAND in there:
             self._put_commanded(motion, seen, sampled[COMMAND].values)
             if AUTOCOLLIMATOR in there:
-                tilt = self._tilt_parts(motion.theta, sampled[AUTOCOLLIMATOR], rates[AUTOCOLLIMATOR])
-                _put_tilt(motion, seen, tilt)
+                parts = self._tilt_parts(motion.theta, sampled[AUTOCOLLIMATOR], rates[AUTOCOLLIMATOR])
+                _put_tilt(motion, seen, parts)
         heads = tuple(name for name in self._heads if name in used)
         everyone = tuple(name for name in self._heads if name in there)
         layout, ring = self._ring(heads, sampled)
         if layout is not None and ring is not None:
             disagreement = ring.disagreement
             parity[:, : layout.redundancy] = ring.parity
-            parts = self._ring_parts(layout, ring, min(rates[name] for name in heads))
-            tilt = command = None
+            seen_ring = self._ring_parts(layout, ring, min(rates[name] for name in heads))
+            tilt: TiltParts | None = None
+            command: CommandParts | None = None
             if AUTOCOLLIMATOR in there:
                 tilt = self._tilt_parts(ring.theta, sampled[AUTOCOLLIMATOR], rates[AUTOCOLLIMATOR])
             if COMMAND in there:
                 bends = np.concatenate([sampled[name].bend for name in (*heads, COMMAND)], axis=1)
                 command = CommandParts(sampled[COMMAND].values[:, 0], bends)
-            self._put(motion, seen, parts, tilt, command)
+            self._put(motion, seen, seen_ring, tilt, command)
         whole = ring if everyone == heads else self._ring(everyone, sampled)[1]
         if whole is not None:
             seen[:, evidence.INDEX["agreement"]] = whole.disagreement**2
