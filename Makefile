@@ -21,7 +21,7 @@ help: ## what the targets do
 
 setup: $(VENV)/.ready ## build .venv with ROS 2 Jazzy from the package index
 
-$(VENV)/.ready: setup.py package.xml $(LOCKS) $(wildcard rotary_error_monitor/machine/compiled/*)
+$(VENV)/.ready: setup.py package.xml $(LOCKS) $(wildcard rotary_error_monitor/*/compiled/*)
 	@test -n '$(PYTHON)' && $(PYTHON) -c '$(FITS)' \
 		|| { echo 'Python 3.11 or 3.12 is needed; name one with: make PYTHON=/path/to/python3.11 setup' >&2; exit 1; }
 	@$(PYTHON) -c 'import ensurepip' 2>/dev/null || { echo 'installing python3-venv'; \
@@ -174,4 +174,4 @@ faults-doc: setup ## write doc/faults.md anew from the tests
 	PYTHONPATH=test $(BIN)/python -m faults.page
 
 clean: ## remove what was built
-	rm -rf $(VENV) build install log .coverage* *.egg-info rotary_error_monitor/machine/_kernel.*
+	rm -rf $(VENV) build install log .coverage* *.egg-info rotary_error_monitor/*/_kernel.*

@@ -42,17 +42,16 @@ def data_files() -> list[tuple[str, list[str]]]:
     return files
 
 
-def machine_kernel() -> Extension:
-    """The machine model compiled (rotary_error_monitor/machine/kernel.py); it uses nothing of Python.
+def kernel(folder: Path) -> Extension:
+    """What a room has in its folder `compiled` (rotary_error_monitor/libraries.py); it uses nothing of Python.
 
     `optional`: where it cannot be built the package is installed without it, and numpy computes, slower.
     """
-    folder = Path(PACKAGE, "machine", "compiled")
     files = sorted(folder.glob("*.[ch]"))
     digest = hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
     return Extension(
-        f"{PACKAGE}.machine._kernel",
-        [str(folder / "kernel.c")],
+        ".".join((*folder.parent.parts, "_kernel")),
+        [str(file) for file in files if file.suffix == ".c"],
         depends=[str(file) for file in files],
         define_macros=[("SOURCE", f'"{digest}"')],
         libraries=["m"],
@@ -77,7 +76,7 @@ setup(
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
     package_data={PACKAGE: ["py.typed"]},
     data_files=data_files(),
-    ext_modules=[machine_kernel()],
+    ext_modules=[kernel(folder) for folder in sorted(Path(PACKAGE).glob("*/compiled"))],
     python_requires=">=3.11",
     install_requires=[
         "setuptools",

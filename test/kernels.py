@@ -1,4 +1,4 @@
-"""The two forms of the machine model, compiled and numpy, and machines drawn to hold them against each other."""
+"""The two forms of what has a library, compiled and numpy, and machines drawn to hold them against each other."""
 
 from __future__ import annotations
 
@@ -21,10 +21,16 @@ from rotary_error_monitor.description.machine import (
     MachineDescription,
 )
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.machine.kernel import VARIABLE, load_kernel
+from rotary_error_monitor.libraries import VARIABLE, room_library
+from rotary_error_monitor.machine.kernel import load_kernel
+from rotary_error_monitor.metrology.kernel import chosen_kernel as metrology_kernel
+from rotary_error_monitor.pipeline.kernel import chosen_kernel as pipeline_kernel
+from rotary_error_monitor.signals.kernel import chosen_kernel as signals_kernel
 
 Array = NDArray[np.float64]
 FORMS = ("compiled", "numpy")
+CHOICES = (load_kernel, signals_kernel, metrology_kernel, pipeline_kernel)
+"""Which form computes, of each room that has a library."""
 
 
 def is_built() -> bool:
@@ -38,15 +44,22 @@ def is_built() -> bool:
 
 @contextmanager
 def computing_by(form: str) -> Iterator[None]:
-    """Have the machine model computed by one of FORMS."""
+    """Have all that has a library computed by one of FORMS."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(os.environ, VARIABLE, form)
-        load_kernel.cache_clear()
+        forget_kernels()
         try:
-            load_kernel()
+            for load in CHOICES:
+                load()
             yield
         finally:
-            load_kernel.cache_clear()
+            forget_kernels()
+
+
+def forget_kernels() -> None:
+    """Have each room look for its library again."""
+    for load in (room_library, *CHOICES):
+        load.cache_clear()
 
 
 def drawn_machine(rng: np.random.Generator, size: float = 1.0, angle: float = 1e-4) -> MachineDescription:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rotary_error_monitor.bags.recorded_files import RawMessage
 from rotary_error_monitor.codec.cdr_blocks import BlockDecoder
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.signals.admission import AHEAD_NS
+from rotary_error_monitor.signals.arrival import AHEAD_NS
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 from rotary_error_monitor.signals.stretches import PAUSE_NS, longest_stretch
 

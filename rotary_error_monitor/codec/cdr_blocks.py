@@ -150,9 +150,11 @@ def _decode(data: bytes, layout: _Layout, *, finite: bool) -> SampleBlock:
     count = width * len(layout.names)
     # The copy is aligned, and free of the message's memory.
     rows = np.frombuffer(data, "<f8", count, start).copy().reshape(width, len(layout.names))
-    if not (np.abs(rows[:, 0]) < _FARTHEST).all() or (finite and not np.isfinite(rows).all()):  # NaN is not below
+    block = SampleBlock(seconds * NANOSECONDS + nanoseconds, layout.names, rows)
+    timed = block.is_timed() or bool((np.abs(rows[:, 0]) < _FARTHEST).all())  # NaN is not below
+    if not timed or (finite and not np.isfinite(rows).all()):
         _refuse_samples(rows, layout.names)
-    return SampleBlock(seconds * NANOSECONDS + nanoseconds, layout.names, rows)
+    return block
 
 
 def _refuse_samples(rows: NDArray[np.float64], names: tuple[str, ...]) -> NoReturn:

@@ -35,8 +35,11 @@ _ALWAYS = (
 
 def block_from_error_motion(motion: ErrorMotion, columns: Sequence[str]) -> SampleBlock:
     """Error motion at one time at least as the columns that the wire contract names after `t`."""
-    beside = np.array([motion.theta, motion.observable @ _BITS, *(getattr(motion, name) for name in _BESIDE)])
-    numbers = np.hstack([motion.components, motion.covariance.reshape(-1, _LAST - _FIRST), beside.T])
+    numbers = np.empty((len(motion.theta), len(_NAMES)))
+    numbers[:, :_FIRST], numbers[:, _FIRST:_LAST] = motion.components, motion.covariance.reshape(-1, _LAST - _FIRST)
+    numbers[:, _LAST], numbers[:, _LAST + 1] = motion.theta, motion.observable @ _BITS
+    for place, name in enumerate(_BESIDE, start=_LAST + 2):
+        numbers[:, place] = getattr(motion, name)
     return block_from_samples(motion.times_ns, columns, np.take(numbers, _places_of(tuple(columns)), axis=1))
 
 
@@ -46,12 +49,13 @@ def error_motion_from_block(block: SampleBlock) -> ErrorMotion:
     Raises:
         InputError: the block lacks one of the columns that each stage has.
     """
-    for name in _ALWAYS:
-        if name not in block.names:
+    if not _has_all(block.names):
+        for name in _ALWAYS:
             block.column(name)  # says what there is
-    absent = np.zeros((2, len(block.rows)))
-    absent[1] = 1.0
-    numbers = np.vstack([block.rows.T, absent])[_places_in(block.names)].T  # half of the time of choosing columns
+    count, width = block.rows.shape
+    columns = np.empty((width + 2, count))
+    columns[:width], columns[width], columns[width + 1] = block.rows.T, 0.0, 1.0
+    numbers = columns[_places_in(block.names)].T  # half of the time of choosing columns
     theta, observable, streams, doubts, *beside = numbers[:, _LAST:].T
     return ErrorMotion(
         theta,
@@ -63,6 +67,11 @@ def error_motion_from_block(block: SampleBlock) -> ErrorMotion:
         doubts.astype(np.int64),
         *beside,
     )
+
+
+@cache
+def _has_all(names: tuple[str, ...]) -> bool:
+    return set(_ALWAYS) <= set(names)
 
 
 @cache

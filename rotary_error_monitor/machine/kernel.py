@@ -10,9 +10,6 @@ from __future__ import annotations
 
 import ctypes
 import functools
-import hashlib
-import os
-import sysconfig
 from collections.abc import Iterable
 from ctypes import c_double, c_int64, c_void_p
 from pathlib import Path
@@ -23,15 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.libraries import NAME, address, load_library
 from rotary_error_monitor.machine.kinematics import Fixtures, MachineModel
-
-VARIABLE = "ROTARY_ERROR_MONITOR_KERNEL"
-"""Environment variable by which `numpy` is asked for, or `compiled` without anything to stand in for it."""
 
 MOST_AXES = 16  # as in compiled/model.h
 _SOURCES = Path(__file__).with_name("compiled")
-_LIBRARY = Path(__file__).with_name(f"_kernel{sysconfig.get_config_var('EXT_SUFFIX')}")
+_LIBRARY = Path(__file__).with_name(NAME)
 
 _MOST_MULTIPLE = 64
 """Harmonics of a rotary axis up to this order follow from its sine and cosine by as many products at most, each of
@@ -130,11 +124,11 @@ class _Packed:
 
     def _integers(self, values: Iterable[float] | NDArray[np.bool_]) -> int:
         self._kept.append(np.array(values, dtype=np.int64))
-        return _address(self._kept[-1])
+        return address(self._kept[-1])
 
     def _reals(self, values: object) -> int:
         self._kept.append(np.ascontiguousarray(values, dtype=np.float64))
-        return _address(self._kept[-1])
+        return address(self._kept[-1])
 
 
 class Kernel:
@@ -165,7 +159,7 @@ class Kernel:
             return None
         offset = np.empty((len(rows.positions), 6))
         machine, poses = self._machine(model), _poses(rows, added, ideal)
-        wrong = self._offsets(ctypes.addressof(machine), ctypes.addressof(poses), _address(offset))
+        wrong = self._offsets(ctypes.addressof(machine), ctypes.addressof(poses), address(offset))
         return None if wrong >= 0 else offset
 
     def corrections(
@@ -184,9 +178,9 @@ class Kernel:
             least_reach,
             most_steps,
             last_step,
-            _address(corrections),
-            _address(offset),
-            _address(flags),
+            address(corrections),
+            address(offset),
+            address(flags),
         )
         return None if wrong >= 0 else KernelCorrections(corrections, offset, flags)
 
@@ -204,26 +198,8 @@ def load_kernel() -> tuple[Kernel | None, str]:
     Raises:
         InputError: the environment asks for a kernel that is not there.
     """
-    asked = os.environ.get(VARIABLE, "")
-    if asked not in ("", "numpy", "compiled"):
-        raise InputError(f"{VARIABLE}={asked}; expected numpy or compiled, or nothing for what is there")
-    if asked == "numpy":
-        return None, f"{VARIABLE}=numpy"
-    reason = ""
-    try:
-        library = ctypes.CDLL(str(_LIBRARY))
-        library.rem_source.restype = ctypes.c_char_p
-        built_of = library.rem_source().decode()
-    except (OSError, AttributeError):
-        reason = f"{_LIBRARY.name} was not built: install the package where there is a C compiler (gcc or clang)"
-    else:
-        sources = source_digest(_SOURCES)
-        if sources in ("", built_of):
-            return Kernel(library), ""
-        reason = f"{_LIBRARY.name} was built of other sources: install the package anew"
-    if asked == "compiled":
-        raise InputError(f"{VARIABLE}=compiled, but {reason}")
-    return None, reason
+    library, reason = load_library(_LIBRARY, _SOURCES)
+    return None if library is None else Kernel(library), reason
 
 
 def chosen_kernel() -> Kernel | None:
@@ -237,19 +213,6 @@ def describe_kernel() -> str:
     return f"the machine model is computed by numpy, which is slower: {reason}" if reason else ""
 
 
-def source_digest(folder: Path) -> str:
-    """What tells the sources of the library from others; empty where they are not installed.
-
-    setup.py does the same before there is a package.
-    """
-    files = sorted(folder.glob("*.[ch]"))
-    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest() if files else ""
-
-
 def _poses(rows: Rows, added: Array | None = None, ideal: Array | None = None) -> _Poses:
     arrays = (rows.positions, added, rows.direction, rows.temperature, rows.monitored, ideal)
-    return _Poses(len(rows.positions), *(None if array is None else _address(array) for array in arrays))
-
-
-def _address(array: NDArray[np.float64] | NDArray[np.int64] | NDArray[np.bool_]) -> int:
-    return int(array.__array_interface__["data"][0])
+    return _Poses(len(rows.positions), *(None if array is None else address(array) for array in arrays))

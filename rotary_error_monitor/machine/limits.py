@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.arrays import Array, Mask, differences
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.errors import InputError
 
@@ -22,6 +22,10 @@ class Outcome(enum.IntEnum):
     WARNING = 2
     HELD = 3
     LATCHED = 4
+
+
+FOLLOWED, RATE_LIMITED, WARNING, HELD, LATCHED = map(int, Outcome)
+"""The same as they stand in arrays: of an enumeration, Python looks for a member longer than numpy computes."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +117,7 @@ def limit_corrections(
     state: CorrectionState,
     times_ns: NDArray[np.int64],
     wanted: ArrayLike,
-    usable: NDArray[np.bool_] | None = None,
+    usable: Mask | None = None,
 ) -> LimitedCorrections:
     """Follow the wanted corrections as far and as fast as the limits allow.
 
@@ -136,20 +140,24 @@ def limit_corrections(
     interval = _intervals(limits, state, times_ns, asked)
     if len(interval) == 0:
         return LimitedCorrections(asked.copy(), np.zeros(0, dtype=np.int64), state)
+    may_follow = len(interval) == 1 and not state.latched and (usable is None or bool(usable[0]))
+    if may_follow and _is_followed(limits, state, asked[0].tolist(), float(interval[0])):
+        new = replace(state, applied=tuple(asked[0].tolist()), time_ns=int(times_ns[0]))
+        return LimitedCorrections(asked.copy(), np.zeros(1, np.int64), new)
 
-    finite: NDArray[np.bool_] = np.all(np.isfinite(asked), axis=1)
+    finite: Mask = np.all(np.isfinite(asked), axis=1)
     use = finite if usable is None else finite & usable
     size = np.abs(np.where(use[:, None], asked, 0.0))
-    over: NDArray[np.bool_] = np.any(size > limits.error, axis=1)
+    over: Mask = np.any(size > limits.error, axis=1)
     latched = np.logical_or.accumulate(over | np.bool_(state.latched))
     follow = use & ~latched
     reach = limits.rate * np.minimum(interval, limits.longest_interval)[:, None]
     corrections, shortened = _follow(np.array(state.applied), np.where(use[:, None], asked, 0.0), follow, reach)
 
-    outcomes = np.where(shortened, Outcome.RATE_LIMITED, Outcome.FOLLOWED).astype(np.int64)
-    outcomes[(size > limits.warning).any(axis=1)] = Outcome.WARNING
-    outcomes[~use] = Outcome.HELD
-    outcomes[latched] = Outcome.LATCHED
+    outcomes = np.where(shortened, RATE_LIMITED, FOLLOWED).astype(np.int64)
+    outcomes[(size > limits.warning).any(axis=1)] = WARNING
+    outcomes[~use] = HELD
+    outcomes[latched] = LATCHED
     newly = bool(latched[-1]) and not state.latched
     reason = _why_latched(limits, asked, times_ns, int(np.argmax(over))) if newly else state.reason
     new = CorrectionState(tuple(corrections[-1].tolist()), int(times_ns[-1]), bool(latched[-1]), reason)
@@ -167,8 +175,9 @@ def _intervals(limits: CorrectionLimits, state: CorrectionState, times_ns: NDArr
         raise InputError(
             f"corrections of shape {asked.shape} and a state of {len(state.applied)} axes; expected ({count}, {axes})"
         )
-    before = times_ns[:1] if state.time_ns is None else np.array([state.time_ns], dtype=np.int64)
-    interval = np.diff(np.concatenate([before, times_ns])) * 1e-9
+    if count == 0:
+        return np.zeros(0)
+    interval = differences(times_ns, times_ns[0] if state.time_ns is None else state.time_ns) * 1e-9
     if (interval < 0.0).any():
         place = int(np.argmax(interval < 0.0))
         raise InputError(f"pose {place} is {-interval[place]:.9f} s before the one before it; expected times that rise")
@@ -183,11 +192,22 @@ def _why_latched(limits: CorrectionLimits, asked: Array, times_ns: NDArray[np.in
     )
 
 
-def _follow(start: Array, wanted: Array, follow: NDArray[np.bool_], reach: Array) -> tuple[Array, NDArray[np.bool_]]:
+def _is_followed(limits: CorrectionLimits, state: CorrectionState, wanted: Sequence[float], interval: float) -> bool:
+    """Whether a single correction is finite and passes no limit: live it mostly does, and numpy takes longer to ask."""
+    passed = min(interval, limits.longest_interval)
+    return all(
+        abs(value) <= warning and abs(value - before) <= rate * passed
+        for value, before, warning, rate in zip(
+            wanted, state.applied, limits.warning.tolist(), limits.rate.tolist(), strict=True
+        )
+    )
+
+
+def _follow(start: Array, wanted: Array, follow: Mask, reach: Array) -> tuple[Array, Mask]:
     """Corrections (n, m) that follow the wanted ones from `start` by steps within `reach` (n, m); which are shorter."""
     corrections = np.empty_like(wanted)
     shortened = np.zeros(len(wanted), dtype=bool)
-    steps = np.abs(np.diff(wanted, axis=0, prepend=start[None]))
+    steps = np.abs(differences(wanted, start))
     if follow.all() and (steps <= reach).all():
         return wanted.copy(), shortened
     applied = start  # each pose starts from where the one before it ended: no way round a loop

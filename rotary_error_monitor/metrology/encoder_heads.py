@@ -14,6 +14,7 @@ import numpy as np
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.metrology.kernel import MOST_HEADS, PackedLayout, chosen_kernel
 
 COMPONENTS = ("theta", "x", "y")
 LEAK = 2e-3
@@ -167,6 +168,19 @@ def estimate_ring_pose(layout: HeadLayout, radius: float, readings: Array, varia
         readings: (m, h) rad, free of graduation error.
         variances: (m, h) variance of each reading, rad².
     """
+    kernel = chosen_kernel()
+    if kernel is not None and len(layout.azimuths) <= MOST_HEADS:
+        found = kernel.ring_pose(_packed(layout, radius), readings, variances)
+        if found is not None:
+            theta, off, covariance, parity, disagreement, seen = found
+            centre = np.ascontiguousarray((radius * np.tan(off)).T)
+            return RingPose(
+                theta, centre, covariance, disagreement, parity, centre if seen is None else radius * seen.T
+            )
+    return _estimate_ring_pose(layout, radius, readings, variances)
+
+
+def _estimate_ring_pose(layout: HeadLayout, radius: float, readings: Array, variances: Array) -> RingPose:
     # heads first: a sum over the first axis adds them one by one, the same bits in batches of any size
     relative = np.ascontiguousarray(readings.T) - readings[:, 0]
     relative = relative - 2 * np.pi * np.rint(relative / (2 * np.pi))
@@ -182,6 +196,12 @@ def estimate_ring_pose(layout: HeadLayout, radius: float, readings: Array, varia
     if len(layout.observable) != len(COMPONENTS):
         seen = radius * np.stack([*_sum_over_heads(layout.view[0], relative)], axis=1)
     return RingPose(theta, centre, covariance, _disagreement(layout, relative, spread), parity, seen)
+
+
+@lru_cache(maxsize=64)
+def _packed(layout: HeadLayout, radius: float) -> PackedLayout:
+    arrays = (layout.weights, _products(layout, radius), layout.parity, layout.projector, layout.view[0])
+    return PackedLayout(layout.redundancy, sees_less=len(layout.observable) != len(COMPONENTS), arrays=arrays)
 
 
 @lru_cache(maxsize=64)

@@ -5,8 +5,9 @@ Components in the order of ISO 230-1: `exc eyc ezc eac ebc ecc`: two radial, axi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from rotary_error_monitor.arrays import Array, Mask
 from rotary_error_monitor.description.stage import Autocollimator, Encoder, Mirror, Spindle
 from rotary_error_monitor.metrology.harmonics import angular_sum, planar_sum
+from rotary_error_monitor.metrology.kernel import Steps, chosen_kernel
 from rotary_error_monitor.metrology.periodic_curves import graduation_error, mirror_form
 
 COMPONENTS = ("exc", "eyc", "ezc", "eac", "ebc", "ecc")
@@ -81,6 +83,12 @@ class ErrorMotion:
     def at(self, chosen: NDArray[np.int64] | Mask | slice) -> ErrorMotion:
         """The same at some of the times; of a slice, views."""
         return ErrorMotion(*(each[chosen] for each in self._arrays()))
+
+    def said_of(
+        self, times_ns: NDArray[np.int64], streams: NDArray[np.int64], said: Mapping[str, NDArray[Any]]
+    ) -> ErrorMotion:
+        """The same at times (ns), from some streams, with what is `said` of it: further fields by their names."""
+        return ErrorMotion(**{**vars(self), "times_ns": times_ns, "streams": streams, **said})
 
     def hide(self, times: Mask, places: Sequence[int]) -> None:
         """Make the components at `places` not observable at some of the `times` (m,)."""
@@ -163,10 +171,25 @@ def reading_variance(noise: float, resolution: float, gain: Array, travel: Array
     """
     if resolution <= NO_STEP * noise:
         return gain * noise**2 + np.zeros_like(travel)
+    kernel, unbroken = chosen_kernel(), _unbroken(noise, resolution)
+    if kernel is not None:
+        of = Steps(noise**2, resolution, resolution**2, unbroken)
+        if (found := kernel.reading_variance(of, gain, travel)) is not None:
+            return found
     steps = np.pi * travel / resolution
-    shared = np.exp(-((2 * np.pi * noise / resolution) ** 2)) / (1.0 + 2.0 * steps * steps)
+    shared = unbroken / (1.0 + 2.0 * steps * steps)
     rounding = (gain + np.maximum(1.0 - gain, 0.0) * shared) * resolution**2 / 12
     return np.asarray(gain * noise**2 + rounding)
+
+
+@lru_cache(maxsize=64)
+def _unbroken(noise: float, resolution: float) -> float:
+    """The part of the first harmonic of the rounding that noise does not break up."""
+    return float(np.exp(-((2 * np.pi * noise / resolution) ** 2)))
+
+
+BEND = (9 / 384) ** 2
+"""Variance of an interpolation over the square of the third difference of its samples, see `bend_variance`."""
 
 
 def bend_variance(bend: Array) -> Array:
@@ -176,7 +199,7 @@ def bend_variance(bend: Array) -> Array:
     samples, the fourth difference is about the third, `bend` (m, streams), which four samples give; heads miss alike,
     the command by itself.
     """
-    return np.asarray((9 / 384) ** 2 * (np.max(bend[:, :-1], axis=1) ** 2 + bend[:, -1] ** 2))
+    return np.asarray(BEND * (np.max(bend[:, :-1], axis=1) ** 2 + bend[:, -1] ** 2))
 
 
 def head_variance(encoder: Encoder, gain: Array, travel: Array) -> Array:

@@ -25,7 +25,7 @@ from rotary_error_monitor.nodes.diagnostics import Condition, Level, StreamWatch
 from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.process import program
 from rotary_error_monitor.pipeline.compensation import Compensator
-from rotary_error_monitor.signals.admission import ArrivalCheck
+from rotary_error_monitor.signals.arrival import ArrivalCheck
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 
 NAME = "compensation"

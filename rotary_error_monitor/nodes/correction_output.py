@@ -143,11 +143,11 @@ class CorrectionOutput:
         self._unfed = ""
 
     def _publish_offsets(self, block: SampleBlock, oldest_ns: int) -> None:
-        stale = int(np.searchsorted(block.times_ns, oldest_ns))
+        stale = 0 if block.times_ns[0] >= oldest_ns else int(np.searchsorted(block.times_ns, oldest_ns))
         self.drop(stale, self._node.now_ns())
         if stale == len(block.rows):
             return
-        fresh = SampleBlock(block.stamp_ns, block.names, block.rows[stale:])
+        fresh = block if stale == 0 else SampleBlock(block.stamp_ns, block.names, block.rows[stale:])
         topic = self._topics["tool_offset_samples"]
         self._outputs["tool_offset_samples"].publish(messages.block_bytes(fresh, topic.frame))
         newest_ns = int(fresh.times_ns[-1])

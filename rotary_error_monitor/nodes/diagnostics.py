@@ -13,7 +13,7 @@ from rclpy.serialization import deserialize_message
 from std_msgs.msg import Header
 
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.signals.admission import AHEAD_NS
+from rotary_error_monitor.signals.arrival import AHEAD_NS
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 
 STANDSTILL = 0.8
@@ -178,13 +178,13 @@ class StreamWatch:
 
     def observe(self, block: SampleBlock, now_ns: int) -> None:
         """Take note of a block that is there at `now_ns`."""
-        first_ns = block.stamp_ns + round(float(block.rows[0, 0]) * NANOSECONDS)
-        last_ns = block.stamp_ns + round(float(block.rows[-1, 0]) * NANOSECONDS)
-        if len(block.rows) > 1:
-            self._period = (last_ns - first_ns) / (len(block.rows) - 1)
+        times = block.times_ns
+        count, first_ns, last_ns = len(times), int(times[0]), int(times[-1])
+        if count > 1:
+            self._period = (last_ns - first_ns) / (count - 1)
         if self.last_ns is not None and self._period > 0:
             self.lost += max(0, round((first_ns - self.last_ns) / self._period) - 1)
-        self._samples.add(len(block.rows) - 1)
+        self._samples.add(count - 1)
         self.observe_stamp(last_ns, now_ns)
 
     def observe_stamp(self, stamp_ns: int, now_ns: int) -> None:

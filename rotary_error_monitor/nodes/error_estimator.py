@@ -22,6 +22,7 @@ from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.pace import Pace
 from rotary_error_monitor.nodes.process import program
 from rotary_error_monitor.pipeline.estimation import COMMAND, Estimator, EstimatorSettings
+from rotary_error_monitor.pipeline.kernel import describe_kernel
 from rotary_error_monitor.pipeline.observability import possible_components, unchecked_sensors
 from rotary_error_monitor.pipeline.radial_heights import HIGHEST, figures_of, radial_block
 from rotary_error_monitor.signals.blocks import NANOSECONDS
@@ -91,6 +92,8 @@ class ErrorEstimator(ManagedNode):
                 check_turns=self.setting("check_turns"),
             ),
         )
+        if slower := describe_kernel():
+            self.get_logger().info(slower)
         self._said: dict[str, str] = {}
         self._samples, self._pose = self.wire.topic("error_motion_samples"), self.wire.topic("error_motion_pose")
         self._figures_topic = self.wire.topic("error_motion_figures")

@@ -175,8 +175,10 @@ class Compensator:
             raise InputError(f"machine {self._machine.name} has no monitored axis that error motion could belong to")
         if not self._waiting and self.joints.stream.newest_ns is None:
             self.joints.stream.expect(int(motion.times_ns[0]))
-        fresh = motion.times_ns > np.maximum.accumulate(np.concatenate([[self._last_tick], motion.times_ns[:-1]]))
-        if not fresh.all():
+        times = motion.times_ns
+        rising = len(times) > 0 and times[0] > self._last_tick and bool((times[1:] > times[:-1]).all())
+        if not rising:
+            fresh = times > np.maximum.accumulate(np.concatenate([[self._last_tick], times[:-1]]))
             self.late += int((~fresh).sum())
             motion = motion.at(fresh)
         if len(motion.times_ns):
@@ -230,7 +232,7 @@ class Compensator:
         self._waiting = [motion.at(slice(count, None))] if count < len(ticks) else []
         if count == 0:
             return CompensationOutput()
-        found = self._compute(motion.at(slice(count)))
+        found = self._compute(motion if count == len(ticks) else motion.at(slice(count)))
         self.joints.trim(int(ticks[count - 1]))
         return found
 
@@ -246,20 +248,27 @@ class Compensator:
         if not usable.any():
             self.holding.begin(int(ticks[-1]))
             return CompensationOutput()
-        chosen = np.flatnonzero(usable)
-        motion = _without_command(motion, checked.command).at(chosen)
-        positions = axes.positions[chosen]
-        positions[:, self._monitored] = checked.commanded[chosen]
+        motion, commanded = _without_command(motion, checked.command), checked.commanded
+        if not usable.all():
+            chosen = np.flatnonzero(usable)
+            motion, axes, commanded, temperature = (
+                motion.at(chosen),
+                axes.at(chosen),
+                commanded[chosen],
+                temperature[chosen],
+            )
+        positions = axes.positions.copy()
+        positions[:, self._monitored] = commanded
         warmth = self.thermometer.at(int(ticks[-1]))
         found = self._corrector.compensate(
             TimedPoses(
-                ticks[chosen],
+                motion.times_ns,
                 positions,
-                axes.directions[chosen],
-                axes.turned[chosen],
-                axes.age[chosen],
-                temperature[chosen],
-                np.full(len(chosen), warmth.deviation),
+                axes.directions,
+                axes.turned,
+                axes.age,
+                temperature,
+                np.full(len(positions), warmth.deviation),
                 self._carrier.components(motion),
                 lambda index: self._carrier.covariance(motion.at(index)),
             ),

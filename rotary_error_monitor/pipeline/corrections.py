@@ -9,11 +9,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import differences
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.description.stage_limits import StageLimits
 from rotary_error_monitor.machine.correction import SolvedCorrections, remaining_offset, solve_axis_corrections
 from rotary_error_monitor.machine.kinematics import arrange_machine
-from rotary_error_monitor.machine.limits import CorrectionState, Outcome, axis_limits, initial_state, limit_corrections
+from rotary_error_monitor.machine.limits import (
+    HELD,
+    CorrectionState,
+    Outcome,
+    axis_limits,
+    initial_state,
+    limit_corrections,
+)
 from rotary_error_monitor.pipeline.joints import pack_directions
 from rotary_error_monitor.pipeline.offset_spread import OffsetSpread, Spread
 from rotary_error_monitor.pipeline.poses import TimedPoses
@@ -159,12 +167,19 @@ class CorrectionMaker:
         """
         chosen = self._correction_ticks(poses.stamps)
         offset, wanted = self._solve(poses, chosen)
-        rows = np.column_stack([offset, poses.age, pack_directions(poses.directions), poses.temperature])
-        blocks = () if described else (block_from_samples(poses.stamps, COLUMNS, rows),)
+        blocks = () if described else (self._block(poses, offset),)
         if wanted is None:
             return CompensationOutput(blocks)
         corrections = self._correct(poses.at(chosen), offset[chosen], wanted, described=described, apply=apply)
         return CompensationOutput(blocks, corrections)
+
+    @staticmethod
+    def _block(poses: TimedPoses, offset: NDArray[np.float64]) -> SampleBlock:
+        """Offsets (n, 6), and what they rest on."""
+        rows = np.empty((len(offset), len(COLUMNS)))
+        rows[:, :6], rows[:, 6] = offset, poses.age
+        rows[:, 7], rows[:, 8] = pack_directions(poses.directions), poses.temperature
+        return block_from_samples(poses.stamps, COLUMNS, rows)
 
     def _solve(
         self, poses: TimedPoses, chosen: NDArray[np.int64]
@@ -207,8 +222,8 @@ class CorrectionMaker:
         before, before_ns = np.array(self.state.applied), self.state.time_ns
         limited = limit_corrections(self._limits, self.state, stamps, wanted.corrections, wanted.converged & steady)
         self.state = limited.state
-        elapsed = np.diff(stamps, prepend=stamps[0] if before_ns is None else before_ns) * 1e-9
-        moved = np.diff(limited.corrections, axis=0, prepend=before[None])
+        elapsed = differences(stamps, stamps[0] if before_ns is None else before_ns) * 1e-9
+        moved = differences(limited.corrections, before)
         rates = np.where(elapsed[:, None] > 0, moved / np.where(elapsed > 0, elapsed, 1.0)[:, None], 0.0)
         reports = self._report(poses.at(due), limited.corrections[due], offset[due], spread.reported)
         by_index = dict(zip(due.tolist(), reports, strict=True))
@@ -223,7 +238,7 @@ class CorrectionMaker:
                 described,
                 by_index.get(int(i)),
             )
-            for i in np.flatnonzero(limited.outcomes < Outcome.HELD)
+            for i in np.flatnonzero(limited.outcomes < HELD)
         )
 
     def _is_steady(self, stamps: NDArray[np.int64], wanted: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -232,8 +247,8 @@ class CorrectionMaker:
         One that departs for a single pose is left out; what lasts is approached at the rate limit.
         """
         before = (stamps[0], wanted[0]) if self._asked is None else self._asked
-        passed = np.diff(stamps, prepend=before[0]) * 1e-9
-        steps = np.abs(np.diff(wanted, axis=0, prepend=before[1][None]))
+        passed = differences(stamps, before[0]) * 1e-9
+        steps = np.abs(differences(wanted, before[1]))
         self._asked = int(stamps[-1]), wanted[-1]
         late = passed > 2.5e-9 * self._settings.correction_period_ns  # after a pause there is none before
         with np.errstate(invalid="ignore"):
@@ -282,5 +297,13 @@ class CorrectionMaker:
 
 def _rising(numbers: NDArray[np.int64], before: int) -> NDArray[np.int64]:
     """Places of the numbers that are larger than all before them."""
-    largest = np.maximum.accumulate(np.concatenate([[before], numbers[:-1]]))
-    return np.flatnonzero(numbers > largest)
+    if len(numbers) <= FEW_POSES:  # then Python is done before numpy has begun
+        places = []
+        for place, number in enumerate(numbers.tolist()):
+            if number > before:
+                places.append(place)
+                before = number
+        return np.array(places, np.int64)
+    largest = np.empty(len(numbers) + 1, np.int64)
+    largest[0], largest[1:] = before, numbers
+    return np.flatnonzero(numbers > np.maximum.accumulate(largest[:-1]))

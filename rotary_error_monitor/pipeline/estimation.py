@@ -10,7 +10,7 @@ repeats the decision.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,13 +26,13 @@ from rotary_error_monitor.pipeline.estimator_settings import EstimatorStatus as 
 from rotary_error_monitor.pipeline.evidence import INDEX as EVIDENCE
 from rotary_error_monitor.pipeline.evidence import WINDOW_NS, Evidence
 from rotary_error_monitor.pipeline.listed_sensors import ListedSensors
-from rotary_error_monitor.pipeline.publication import Believed, Decisions, Publication, redundancy_of
+from rotary_error_monitor.pipeline.publication import Believed, Decisions, Publication
 from rotary_error_monitor.pipeline.repetition import Repetition
 from rotary_error_monitor.pipeline.stream_limits import is_saturated, stream_limits
 from rotary_error_monitor.pipeline.ticks import AUTOCOLLIMATOR as AUTOCOLLIMATOR
 from rotary_error_monitor.pipeline.ticks import COMMAND as COMMAND
 from rotary_error_monitor.pipeline.ticks import TickMaker
-from rotary_error_monitor.signals.admission import ArrivalCheck
+from rotary_error_monitor.signals.arrival import ArrivalCheck
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.signals.resampling import Resampled, count_decided, resample_all, tick_times
 from rotary_error_monitor.signals.streams import SampleStream
@@ -75,16 +75,19 @@ class Estimator:
             name: SampleStream(fields, self._settings.patience_ns, limits)
             for name, (fields, limits) in stream_limits(stage).items()
         }
+        self._responses = {name: each for name, each in stage.responses.items() if not each.is_ideal}
+        self._ranges = {AUTOCOLLIMATOR, *stage.sensors}  # streams of instruments that have an end of their range
         self._arrivals = {name: ArrivalCheck(self._settings.max_age_ns) for name in self._streams}
         # As the wire contract numbers them, also for a stage without autocollimator.
         names = (*self._heads, AUTOCOLLIMATOR, COMMAND, *stage.sensors)
         self._bits = {name: 1 << i for i, name in enumerate(names)}
+        self._stream_bits = np.array([[self._bits[name]] for name in self._streams])
         self._judged_bits = sum(bit for name, bit in self._bits.items() if name not in stage.sensors)
         self._head_bits = sum(self._bits[name] for name in self._heads)
         self._repetition = None if decisions is None else Repetition(decisions, self._bits)
         self._layouts: dict[HeadLayout, tuple[int, ...]] = {}
         period_ns, limit = self._settings.period_ns, self._settings.disagreement_limit
-        self._ticks = TickMaker(stage, self._heads, period_ns * 1e-9)
+        self._ticks = TickMaker(stage, self._heads, self._bits, period_ns * 1e-9)
         self._publication = Publication(stage, self._bits)
         self.belief = Belief(
             stage, self._heads, self._bits, self._streams, period_ns, limit, self._settings.check_turns
@@ -154,9 +157,11 @@ class Estimator:
         if name not in self._streams:
             raise InputError(f"no stream '{name}' in this stage; it has {', '.join(self._streams)}")
         stream = self._streams[name]
-        block = correct_block(block, stream.names, self._stage.responses.get(name))
+        if name in self._responses:
+            block = correct_block(block, stream.names, self._responses[name])
         until_ns = None if arrival_ns is None else self._check_arrival(name, block, arrival_ns, recorded)
-        block = self._without_saturated(name, block)
+        if name in self._ranges:
+            block = self._without_saturated(name, block)
         if stream.push(block, until_ns) == 0:
             return
         newest = stream.newest_ns
@@ -195,7 +200,7 @@ class Estimator:
             InputError: the block is refused.
         """
         check = self._arrivals[name]
-        newest_ns = check.newest_of(block.times_ns, arrival_ns)
+        newest_ns = check.newest_of(block.times_ns, arrival_ns, block.newest_ns)
         judge = check.judge_ahead if recorded else check.judge
         if refusal := judge(newest_ns, arrival_ns):
             reason = refusal.partition(":")[0]
@@ -229,14 +234,14 @@ class Estimator:
     def _decided_until(self, stream: SampleStream, before: int) -> int:
         """Index of the first tick for which `stream` still misses samples; `before` is what it was until now."""
         assert self._next is not None and stream.newest_ns is not None
-        period = self._settings.period_ns
-        first = max(before, self._next, int(stream.times_ns[0]) // period)
-        if len(stream.times_ns) > 1:  # up to the last sample but one all is decided, however long there was none before
-            first = max(first, int(stream.times_ns[-2]) // period - 1)
+        period, times = self._settings.period_ns, stream.times_ns
+        first = max(before, self._next, int(times[0]) // period)
+        if len(times) > 1:  # up to the last sample but one all is decided, however long there was none before
+            first = max(first, int(times[-2]) // period - 1)
         count = stream.newest_ns // period + 1 - first
         if count <= 0:
             return first
-        return first + count_decided(stream.times_ns, tick_times(first, count, period), period)
+        return first + count_decided(times, first, count, period)
 
     def _advance(self, last: bool = False) -> list[ErrorMotion]:
         if self._next is None:
@@ -277,12 +282,7 @@ class Estimator:
         resampled = dict(zip(self._streams, values, strict=True))
         widest = NEARLY * settings.max_gap_ns
         self.status.sparse = tuple(name for name, each in self._streams.items() if each.spacing_ns > widest)
-        there = np.zeros(count, np.int64)
-        for name, stream in self._streams.items():
-            # what a live run decided stands: the bag may begin later than the stream did
-            heard = stream.is_whole(ticks, settings.period_ns, after_patience=self._repetition is None)
-            there += np.where(resampled[name].valid & heard, self._bits[name], 0)
-        there &= np.where(ticks < self._all_heads_begun_ns(), ~self._head_bits, -1)
+        there = self._streams_at(ticks, values)
         found, begin = [], 0
         while begin < count:
             index = np.arange(begin, count)
@@ -293,6 +293,20 @@ class Estimator:
             if self.belief.turns:
                 self._take_out_turns(self.belief.turns, resampled)
         return found
+
+    def _streams_at(self, ticks: NDArray[np.int64], values: Sequence[Resampled]) -> NDArray[np.int64]:
+        """Bit mask of the streams that have a value at each tick, of the values of all of them in their order."""
+        there = np.array([each.valid for each in values])
+        for heard, stream in zip(there, self._streams.values(), strict=True):
+            if stream.has_gaps:
+                # what a live run decided stands: the bag may begin later than the stream did
+                live = self._repetition is None
+                heard &= stream.is_whole(ticks, self._settings.period_ns, after_patience=live)
+        masks: NDArray[np.int64] = (there * self._stream_bits).sum(axis=0)
+        begun = self._all_heads_begun_ns()
+        if ticks[0] < begun:
+            masks &= np.where(ticks < begun, ~self._head_bits, -1)
+        return masks
 
     def _all_heads_begun_ns(self) -> int:
         """Timestamp (ns) before which a head that was awaited had not begun: until then nothing tells a wrong one.
@@ -335,14 +349,15 @@ class Estimator:
         whole = slice(done)
         motion, publish = self._publication.finish(
             ticks[whole],
-            motion.at(whole),
+            motion if done == len(ticks) else motion.at(whole),
             evidence.values[whole],
             used[whole] & ~believed.excluded,
             disagreement[whole],
             redundancy[whole],
             believed,
         )
-        seen = evidence.values[:done, [EVIDENCE["heads"], EVIDENCE["commanded"]]].max(axis=1) > 0.0
+        known_by = evidence.values[:done]
+        seen = (known_by[:, EVIDENCE["heads"]] > 0.0) | (known_by[:, EVIDENCE["commanded"]] > 0.0)
         if self._listed is not None:
             known = {name: each.at(np.arange(done)) for name, each in sampled.items()}
             said = {at: (each.sensor_scale, each.sensor_conflict) for at, each in decided.items() if at < done}
@@ -356,6 +371,8 @@ class Estimator:
         publish &= seen
         self.status.estimates += int(publish.sum())
         self.status.disagreement = float(disagreement[done - 1])
+        if publish.all():
+            return [motion], done
         return [motion.at(publish)] if publish.any() else [], done
 
     def _make(
@@ -367,32 +384,12 @@ class Estimator:
         rates: Mapping[str, float],
     ) -> tuple[ErrorMotion, Evidence, NDArray[np.float64], NDArray[np.int64]]:
         """Error motion of all ticks, what they say of the streams, contradiction of the heads, and their redundancy."""
-        count = len(there)
-        motions, places, values = [], [], np.zeros((count, len(EVIDENCE)))
-        parity, disagreement = np.zeros((count, len(self._heads))), np.zeros(count)
-        redundancy, readings = np.zeros(count, np.int64), np.zeros((count, self._ticks.readings))
-        for both in set(zip(there.tolist(), used.tolist(), strict=True)):
-            chosen = np.flatnonzero((there == both[0]) & (used == both[1]))
-            part = sampled if len(chosen) == count else {name: each.at(chosen) for name, each in sampled.items()}
-            made = self._ticks.make(part, self._names(both[0]), self._names(both[1]), rates)
-            motions.append(made.motion)
-            places.append(chosen)
-            values[chosen] = made.evidence
-            parity[chosen], readings[chosen], disagreement[chosen] = made.parity, made.readings, made.disagreement
-            redundancy[chosen] = redundancy_of(made.layout)
-            if made.layout is not None:
-                self.status.unseen_orders = self._unseen_orders(made.layout)
-        motion = ErrorMotion.joined(motions)
-        return (
-            motion if len(motions) == 1 else motion.at(np.argsort(np.concatenate(places))),
-            Evidence(first + np.arange(count), values, parity, there & self._judged_bits, readings),
-            disagreement,
-            redundancy,
-        )
-
-    def _names(self, mask: int) -> tuple[str, ...]:
-        """Streams of a bit mask."""
-        return tuple(name for name, bit in self._bits.items() if mask & bit)
+        made = self._ticks.make_each(sampled, there, used, rates)
+        if made.layout is not None:
+            self.status.unseen_orders = self._unseen_orders(made.layout)
+        numbers = first + np.arange(len(there))
+        evidence = Evidence(numbers, made.evidence, made.parity, there & self._judged_bits, made.readings)
+        return made.motion, evidence, made.disagreement, made.redundancy
 
     def _unseen_orders(self, layout: HeadLayout) -> tuple[int, ...]:
         if layout not in self._layouts:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.joints import AxisPositions
+from rotary_error_monitor.pipeline.kernel import Judged, Tolerated, chosen_kernel
 from rotary_error_monitor.pipeline.verdict import DOUBTS, names_of
 
 MEMORY_NS = 2_000_000_000
@@ -61,7 +62,16 @@ class InputChecks:
         """Checks for a machine with a monitored axis; for one without they are never asked."""
         self._letter = machine.monitored or ""
         self._column = machine.letters.index(machine.monitored) if machine.monitored else 0
-        self._tolerances = tolerances
+        self._tolerances, self._jitter_ns = tolerances, round(tolerances.stamp_tolerance * 1e9)
+        self._compiled = Tolerated(
+            largest_gap=LARGEST_GAP_NS,
+            age_limit=tolerances.age_limit_ns,
+            column=self._column,
+            doubt_ring=1 << DOUBTS.index("ring"),
+            doubt_unverified=1 << DOUBTS.index("unverified"),
+            position=tolerances.position_tolerance,
+            command=tolerances.command_tolerance,
+        )
         self._verified = False
         self._apart = False
         self.forget()
@@ -80,64 +90,69 @@ class InputChecks:
         limits, doubts = self._tolerances, motion.doubts
         commanded = motion.theta - np.where(motion.observable[:, 5], motion.components[:, 5], 0.0)
         self._remember(motion.times_ns, commanded)
-        fresh = axes.known & (axes.age * 1e9 <= limits.age_limit_ns)
-        difference, allowed = self._distance(axes)
-        told = axes.told & fresh
-        agree = ~told | (np.abs(difference) <= limits.position_tolerance)
-        command = ~told | (np.abs(difference) <= allowed)
-        fits = doubts >> DOUBTS.index("ring") & 1 == 0
-        proven = self._proven(doubts)
-        usable = fresh & ~axes.doubted & agree & fits & proven
+        difference, usable, command, fresh, agree, fits, proven = self._judged(axes, doubts)
+        self._verified = bool(proven[-1])
         if fresh[-1]:
             self._apart = not agree[-1]
-        last = -1
-        told_angle = commanded[last] + difference[last]
-        hold = next(
-            (
+        hold = ""
+        if not usable[-1]:
+            told_angle = commanded[-1] + difference[-1]
+            hold = next(
                 reason
                 for wrong, reason in (
-                    (not axes.known[last], "no joint states: the positions of the other axes are unknown"),
-                    (axes.doubted[last], "joint states are not believed"),
+                    (not axes.known[-1], "no joint states: the positions of the other axes are unknown"),
+                    (axes.doubted[-1], "joint states are not believed"),
                     (
-                        not fresh[last],
-                        f"joint states {axes.age[last]:.2f} s old; limit {limits.age_limit_ns * 1e-9:.2f} s",
+                        not fresh[-1],
+                        f"joint states {axes.age[-1]:.2f} s old; limit {limits.age_limit_ns * 1e-9:.2f} s",
                     ),
-                    (not agree[last], self._where(commanded[last], told_angle)),
-                    (not fits[last], "the stage does not fit its description; the estimator's diagnostics say how"),
-                    (not proven[last], "the stage's description has not been held against a whole turn yet"),
+                    (not agree[-1], self._where(commanded[-1], told_angle)),
+                    (not fits[-1], "the stage does not fit its description; the estimator's diagnostics say how"),
+                    (not proven[-1], "the stage's description has not been held against a whole turn yet"),
                 )
                 if wrong
-            ),
-            "",
-        )
-        return Checked(usable, commanded, command, hold, self._remarks(motion, command[last], difference[last]))
+            )
+        return Checked(usable, commanded, command, hold, self._remarks(motion, command[-1], difference[-1]))
 
     def _remember(self, ticks: NDArray[np.int64], commanded: NDArray[np.float64]) -> None:
         times, commands = np.concatenate([self._times, ticks]), np.concatenate([self._commands, commanded])
         kept = slice(int(np.searchsorted(times, ticks[-1] - MEMORY_NS)), None)
         self._times, self._commands = times[kept], commands[kept]
 
-    def _distance(self, axes: AxisPositions) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """(m,) joint state less command at the joint state's own stamp, rad, and how much that may be."""
-        limits = self._tolerances
-        at = np.clip(axes.stamps, self._times[0], self._times[-1])
+    def _judged(self, axes: AxisPositions, doubts: NDArray[np.int64]) -> Judged:
+        """What ticks can be used for, with the commands in memory."""
+        at = np.minimum(np.maximum(axes.stamps, self._times[0]), self._times[-1])
         command = np.interp(at, self._times, self._commands)
-        behind = np.interp(at - round(limits.stamp_tolerance * 1e9), self._times, self._commands)
+        behind = np.interp(at - self._jitter_ns, self._times, self._commands)
+        kernel = chosen_kernel()
+        if kernel is not None:
+            known = (axes.stamped, axes.age, axes.stamps, axes.known, axes.told, axes.doubted)
+            commands = (command, behind)
+            return kernel.judge(self._compiled, self._times, known, commands, doubts, verified=self._verified)
+        limits = self._tolerances
+        difference, allowed = self._distance(axes, command, behind)
+        fresh = axes.known & (axes.age * 1e9 <= limits.age_limit_ns)
+        told = axes.told & fresh
+        agree = ~told | (np.abs(difference) <= limits.position_tolerance)
+        fits_command = ~told | (np.abs(difference) <= allowed)
+        fits = doubts >> DOUBTS.index("ring") & 1 == 0
+        verified = doubts >> DOUBTS.index("unverified") & 1 == 0
+        proven = np.logical_or.accumulate(verified | self._verified)  # now or at any time before
+        usable = fresh & ~axes.doubted & agree & fits & proven
+        return Judged(difference, usable, fits_command, fresh, agree, fits, np.asarray(proven))
+
+    def _distance(
+        self, axes: AxisPositions, command: NDArray[np.float64], behind: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(m,) joint state less command at the joint state's own stamp, rad, and how much that may be."""
         # the position was told for the stamp; `positions` has been carried on from there to the tick
         difference = axes.stamped[:, self._column] - command
         turned = difference - 2 * np.pi * np.rint(difference / (2 * np.pi))
         after = np.clip(np.searchsorted(self._times, axes.stamps), 1, max(len(self._times) - 1, 1))
         gap = self._times[np.minimum(after, len(self._times) - 1)] - self._times[after - 1]
         known = (axes.stamps >= self._times[0]) & (gap <= LARGEST_GAP_NS)
-        allowed = limits.command_tolerance + np.abs(command - behind)
+        allowed = self._tolerances.command_tolerance + np.abs(command - behind)
         return np.where(known, turned, 0.0), allowed
-
-    def _proven(self, doubts: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Whether the description has passed a turn, now or at any time before."""
-        verified = doubts >> DOUBTS.index("unverified") & 1 == 0
-        proven = np.logical_or.accumulate(verified | self._verified)
-        self._verified = bool(proven[-1])
-        return np.asarray(proven)
 
     def _where(self, commanded: float, told: float) -> str:
         turn = 2 * np.pi
@@ -147,13 +162,13 @@ class InputChecks:
         )
 
     def _remarks(self, motion: ErrorMotion, command: np.bool_, difference: np.float64) -> tuple[str, ...]:
-        told = names_of(int(motion.doubts[-1]))
+        told, seen = names_of(int(motion.doubts[-1])), motion.observable[-1].tolist()
         remarks = [_TOLD[name] for name in told if name in _TOLD]
-        if "autocollimator" not in told and not motion.observable[-1, 3:5].all():
+        if "autocollimator" not in told and not all(seen[3:5]):
             remarks.append("tilt from the description: no autocollimator is heard")
-        if not motion.observable[-1, :2].all():
+        if not all(seen[:2]):
             remarks.append("radial error motion from the description: too few sensors show it")
-        if "command" not in told and not motion.observable[-1, 5]:
+        if "command" not in told and not seen[5]:
             remarks.append("angular positioning from the description: nothing is heard that measures it")
         if not command:
             remarks.append(

@@ -9,13 +9,16 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.errors import InputError, excerpt
+from rotary_error_monitor.libraries import address
 from rotary_error_monitor.pipeline.joint_checks import JointChecks
+from rotary_error_monitor.pipeline.kernel import Joints, chosen_kernel
 from rotary_error_monitor.pipeline.travel import STILL, Travel
 from rotary_error_monitor.signals.blocks import NANOSECONDS, block_from_samples
 from rotary_error_monitor.signals.streams import SampleStream
@@ -52,6 +55,10 @@ class AxisPositions:
     stamped: NDArray[np.float64]
     told: NDArray[np.bool_]
     doubted: NDArray[np.bool_]
+
+    def at(self, chosen: NDArray[np.int64]) -> AxisPositions:
+        """The same at some of the ticks."""
+        return AxisPositions(*(getattr(self, each.name)[chosen] for each in fields(self)))
 
     def replaced(self, which: NDArray[np.bool_], other: AxisPositions) -> AxisPositions:
         """The same with all of `other` at the ticks `which`, (m,)."""
@@ -96,6 +103,14 @@ class JointTrack:
         self._rotary = np.array([axis.kind == "rotary" for axis in machine.axes])
         self._quickest = np.array([axis.quickest for axis in machine.axes])
         self._lag_ns = lag_ns
+        self._compiled = Joints(
+            quickest=address(self._quickest),
+            rotary=address(self._rotary),
+            axes=len(self._letters),
+            lag=lag_ns,
+            longest_step=LONGEST_STEP,
+            still=STILL,
+        )
         names = [*(f"q_{letter}" for letter in self._letters), *(f"direction_{letter}" for letter in self._letters)]
         self.stream = SampleStream([*names, "told"], patience_ns)
         self._refused = np.empty(0, np.int64)
@@ -145,12 +160,17 @@ class JointTrack:
         reach = -1 if newest is None else newest + self._lag_ns
         if self.stream.is_absent(watermark_ns - self._lag_ns):
             reach = max(reach, watermark_ns)
-        return int(np.searchsorted(ticks_ns, reach, side="right"))
+        return int(ticks_ns.searchsorted(reach, side="right"))
 
     def at(self, ticks_ns: NDArray[np.int64], used_ns: NDArray[np.int64] | None = None) -> AxisPositions:
         """Axes at ticks (m,); `used_ns` names the stamp of the joint state of each tick instead of the rule."""
         times, values = self.stream.times_ns, self.stream.values
-        axes = len(self._letters)
+        axes, kernel = len(self._letters), chosen_kernel()
+        if kernel is not None and used_ns is None and len(times):
+            found = kernel.axes_at(self._compiled, times, values, self._refused, ticks_ns)
+            if found is not None:
+                (positions, directions, turned, stamped, age), stamps, (known, told, doubted) = found
+                return AxisPositions(positions, directions, turned, age, known, stamps, stamped, told, doubted)
         wanted = ticks_ns - self._lag_ns if used_ns is None else used_ns
         index = np.searchsorted(times, wanted, side="right") - 1
         known = index >= 1
@@ -166,7 +186,7 @@ class JointTrack:
         age = np.asarray((ticks_ns - times[here]) * 1e-9, np.float64)
         moved = self._moved(values[here, :axes] - values[before, :axes])
         part = np.where((step > 0) & (step <= LONGEST_STEP), age / np.where(step > 0, step, 1.0), 0.0)
-        positions: NDArray[np.float64] = values[here, :axes] + moved * part[:, None]
+        positions = values[here, :axes] + moved * part[:, None]
         refused_by = np.searchsorted(self._refused, [times[here], wanted], side="right")
         doubted = refused_by[1] > refused_by[0]
         told = values[here, -1] > 0.0
@@ -203,7 +223,8 @@ class JointTrack:
     def trim(self, before_ns: int) -> None:
         """Forget joint states that no tick from `before_ns` on needs."""
         self.stream.trim(before_ns - self._lag_ns, margin=64)
-        self._refused = self._refused[self._refused > before_ns - self._lag_ns - MEMORY_NS]
+        if len(self._refused):
+            self._refused = self._refused[self._refused > before_ns - self._lag_ns - MEMORY_NS]
 
     def _moved(self, difference: NDArray[np.float64]) -> NDArray[np.float64]:
         """A rotary axis may be told modulo a turn."""
@@ -213,10 +234,12 @@ class JointTrack:
 
 def pack_directions(directions: NDArray[np.float64]) -> NDArray[np.float64]:
     """(m,) directions of travel (m, axes) in one number: sum of (sign + 1) * 3^i."""
-    total = np.zeros(len(directions))
-    for i in range(directions.shape[1]):
-        total = total + (directions[:, i] + 1) * 3**i
-    return total
+    return np.asarray((directions + 1.0) @ _powers(directions.shape[1]))  # whole numbers: exact
+
+
+@cache
+def _powers(axes: int) -> NDArray[np.float64]:
+    return np.asarray(3.0 ** np.arange(axes), np.float64)
 
 
 def unpack_directions(packed: NDArray[np.float64], axes: int) -> NDArray[np.float64]:

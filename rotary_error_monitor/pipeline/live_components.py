@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
+from rotary_error_monitor.pipeline.kernel import chosen_kernel
 
 UNKNOWN_UNCERTAINTY = np.nan
 
@@ -23,6 +24,9 @@ class Carrier:
 
     def components(self, motion: ErrorMotion) -> NDArray[np.float64]:
         """(m, 6) components in m and rad, NaN where not observable."""
+        kernel = chosen_kernel()
+        if kernel is not None:
+            return kernel.components(self._weights, motion.components, motion.observable)
         missing = ~motion.observable
         known = np.where(missing, 0.0, motion.components)
         moved = np.stack([_dot(weights, known) for weights in self._weights], axis=1)

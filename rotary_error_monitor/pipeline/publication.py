@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
+from functools import cache, cached_property
 from itertools import product
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,17 +15,18 @@ from numpy.typing import NDArray
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.two_axis_section import DISTORTIONS
 from rotary_error_monitor.metrology.agreement import chi_square_bound
-from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.metrology.periodic_curves import curve_in_radial
 from rotary_error_monitor.metrology.responses import distortion_variance
 from rotary_error_monitor.pipeline.evidence import INDEX, WINDOW_NS
+from rotary_error_monitor.pipeline.kernel import Stated, chosen_kernel
 from rotary_error_monitor.pipeline.ring_belief import ABSENT
 from rotary_error_monitor.pipeline.ticks import AUTOCOLLIMATOR, COMMAND
 from rotary_error_monitor.pipeline.tilt_belief import SIGMAS
 from rotary_error_monitor.pipeline.verdict import DOUBTS, Verdict
 
 _UNCERTAIN = ("head_scale", "tilt_scale", "lag", "unresolved", "unresolved_tilt")
+_REALS, _INTEGERS = (*_UNCERTAIN, "most"), ("excluded", "doubts", "settled")
 _BY_HEADS = (0, 1, 5)
 """Places of the components that the heads show."""
 _ROWS_BY_HEADS, _COLUMNS_BY_HEADS = np.transpose(list(product(_BY_HEADS, repeat=2)))
@@ -62,23 +64,26 @@ def decision_rows(motion: ErrorMotion) -> NDArray[np.float64]:
 
 
 class Believed:
-    """What is believed at m ticks, as arrays (m,) of what a `Verdict` holds for one."""
+    """What is believed at m ticks, as arrays (m,) of what a `Verdict` holds for one.
+
+    Attributes:
+        reals, integers: (m, 15) and (m, 3) all of it, of which the others are views; columns as in
+            compiled/publication.h.
+    """
 
     def __init__(self, verdicts: Sequence[tuple[slice, Verdict]]) -> None:
         """What the verdicts say, each of some ticks, which follow one upon another from the first tick on."""
-        which = np.repeat(np.arange(len(verdicts)), [where.stop - where.start for where, _ in verdicts])
-        columns = dict(zip(Verdict._fields, zip(*(verdict for _, verdict in verdicts), strict=True), strict=True))
-
-        def spread(name: str, kind: type[np.generic] = np.float64) -> NDArray[Any]:
-            values = np.array(columns[name], kind)
-            return values[which]
-
-        self.excluded, self.doubts = spread("excluded", np.int64), spread("doubts", np.int64)
-        self.head_scale, self.tilt_scale = spread("head_scale"), spread("tilt_scale")
-        self.lag, self.unresolved = spread("lag"), spread("unresolved")
-        self.unresolved_tilt, self.most = spread("unresolved_tilt"), spread("most")
-        self.settled = spread("settled", np.int64)
-        self.reach = {name: spread(name) for name in ("tilt", "ecc", "radial")}
+        counts = [where.stop - where.start for where, _ in verdicts]
+        reals = [
+            (*(getattr(each, name) for name in _REALS), *each.tilt, *each.ecc, *each.radial) for _, each in verdicts
+        ]
+        whole = [[getattr(each, name) for name in _INTEGERS] for _, each in verdicts]
+        self.reals = np.repeat(np.array(reals, np.float64), counts, axis=0)
+        self.integers = np.repeat(np.array(whole, np.int64), counts, axis=0)
+        self.head_scale, self.tilt_scale, self.lag, self.unresolved, self.unresolved_tilt, self.most, *_ = self.reals.T
+        self.excluded, self.doubts, self.settled = self.integers.T
+        reaches = self.reals[:, len(_REALS) :]
+        self.reach = {name: reaches[:, 3 * i : 3 * i + 3] for i, name in enumerate(("tilt", "ecc", "radial"))}
 
     def has(self, doubt: str) -> NDArray[np.bool_]:
         """(m,) whether there is that doubt."""
@@ -119,6 +124,27 @@ class Publication:
         self._unseen = (stage.limits.radial_rate * WINDOW_NS * 1e-9) ** 2 / 3.0
         # What a description that was not held against a turn yet can be off by is bounded by what the stage can do.
         self._unproven = {"radial": stage.limits.radial**2 / 3.0, "tilt": stage.limits.tilt**2 / 3.0}
+        self._stated = self._packed()
+
+    def _packed(self) -> Stated:
+        """All of it as the library takes it."""
+        return Stated(
+            most=self._most,
+            sigmas=SIGMAS,
+            unseen=self._unseen,
+            radial=self._assembly.radial,
+            tilt=self._assembly.tilt,
+            along=self._assembly.gain,
+            across=self._assembly.roll,
+            radius_square=self._radius**2,
+            rounding=self._rounding,
+            autocollimator=self._bits["autocollimator"],
+            command=self._bits["command"],
+            heads=self._heads,
+            commanded=self._commanded,
+            **{f"unproven_{name}": variance for name, variance in self._unproven.items()},
+            **{f"doubt_{name}": 1 << DOUBTS.index(name) for name in ("heads", "ring", "unverified", "unverified_tilt")},
+        )
 
     def finish(
         self,
@@ -134,6 +160,27 @@ class Publication:
 
         Its four first arrays are those of `motion`, changed in place.
         """
+        kernel, streams = chosen_kernel(), np.array(streams)
+        publish = None
+        if kernel is not None:
+            distorted = self._assembly.by_distortion(*(evidence[:, INDEX[name]] for name in ("tilt_x", "tilt_y")))
+            inputs = (evidence, disagreement, _bounds(int(redundancy.max(initial=0))), distorted, redundancy)
+            publish = kernel.publish(self._stated, motion, inputs, (believed.reals, believed.integers), streams)
+        if publish is None:
+            streams, publish = self._finish(motion, evidence, streams, disagreement, redundancy, believed)
+        said = {name: getattr(believed, name) for name in ("doubts", *_UNCERTAIN)}
+        return motion.said_of(ticks, streams, said), publish
+
+    def _finish(
+        self,
+        motion: ErrorMotion,
+        evidence: NDArray[np.float64],
+        streams: NDArray[np.int64],
+        disagreement: NDArray[np.float64],
+        redundancy: NDArray[np.int64],
+        believed: Believed,
+    ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """Streams that are used, and which ticks may go out."""
         seen = {name: evidence[:, place] for name, place in INDEX.items()}
         far = ~believed.within("tilt", seen["tilt_surplus_x"], seen["tilt_surplus_y"]) & (seen["tilt"] > 0)
         streams = np.where(far, streams & ~self._bits["autocollimator"], streams)
@@ -150,13 +197,11 @@ class Publication:
         for which, places in ((ring, (0, 1)), (tilt, (3, 4)), (command, (5,))):
             if which.any():
                 motion.hide(which, places)
-        said = {name: getattr(believed, name) for name in ("doubts", *_UNCERTAIN)}
-        motion = replace(motion, times_ns=ticks, streams=streams, **said)
         agree = (disagreement <= believed.most) & near & ~believed.has("heads")
         agree &= ~(command & self._commanded)  # without heads all is of the rotation that the command tells
-        numbers = [motion.theta, *motion.components.T, *(said[name] for name in _UNCERTAIN)]
+        numbers = [motion.theta, *motion.components.T, *(getattr(believed, name) for name in _UNCERTAIN)]
         finite = np.isfinite(motion.covariance.reshape(-1, 36)).all(axis=1) & np.isfinite(numbers).all(axis=0)
-        return motion, np.asarray(agree & finite)
+        return streams, np.asarray(agree & finite)
 
     def _raise_uncertainty(
         self,
@@ -167,8 +212,7 @@ class Publication:
         believed: Believed,
     ) -> None:
         """What the heads contradict one another, at the tick or before, and what could go unseen, count as well."""
-        bounds = np.ones(int(redundancy.max(initial=0)) + 1)
-        bounds[1:] = [chi_square_bound(float(freedom)) for freedom in range(1, len(bounds))]
+        bounds = _bounds(int(redundancy.max(initial=0)))
         heads = np.maximum(believed.head_scale**2, disagreement**2 / bounds[redundancy])
         motion.covariance[:, _ROWS_BY_HEADS, _COLUMNS_BY_HEADS] *= heads[:, None]
         unproven = np.where(believed.has("unverified"), self._unproven["radial"], 0.0)
@@ -257,13 +301,26 @@ class AssemblyVariance:
         Without an axis the larger one of both.
         """
         linear = self.gain * along**2 + self.roll * across**2
-        if not any(self.distortion):
+        if not self.is_distorted:
             return linear
         rolls = [sign * self.roll_angle for sign in ((1, -1) if axis is None else ((1, -1)[axis],))]
         found = [distortion_variance(roll, self.distortion, along, across) for roll in rolls]
         return np.asarray(linear + np.max(found, axis=0))
 
+    @cached_property
+    def is_distorted(self) -> bool:
+        """Whether the autocollimator's distortion is uncertain."""
+        return any(self.distortion)
 
-def redundancy_of(layout: HeadLayout | None) -> int:
-    """Contradictions that would show among the heads of a layout; none without one."""
-    return 0 if layout is None else layout.redundancy
+    def by_distortion(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64] | None:
+        """(m, 2) what of `tilt_by_reading` is due to it, about x and y; None where there is none."""
+        if not self.is_distorted:
+            return None
+        roll, stds = self.roll_angle, self.distortion
+        return np.stack([distortion_variance(roll, stds, x, y), distortion_variance(-roll, stds, y, x)], axis=1)
+
+
+@cache
+def _bounds(redundancy: int) -> NDArray[np.float64]:
+    """(redundancy + 1,) bound of chi-square over its degrees of freedom; 1 where there are none."""
+    return np.array([1.0, *(chi_square_bound(float(freedom)) for freedom in range(1, redundancy + 1))])

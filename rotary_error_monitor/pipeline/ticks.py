@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout, RingPose, estimate_ring_pose
 from rotary_error_monitor.metrology.error_motion import (
+    BEND,
     ErrorMotion,
     bend_variance,
     head_variance,
@@ -22,6 +23,7 @@ from rotary_error_monitor.metrology.error_motion import (
 from rotary_error_monitor.metrology.harmonics import planar_sum
 from rotary_error_monitor.metrology.periodic_curves import curve
 from rotary_error_monitor.pipeline import evidence
+from rotary_error_monitor.pipeline.kernel import CommandParts, RingParts, TiltParts, chosen_kernel
 from rotary_error_monitor.pipeline.standing_rotor import RotorReadings
 from rotary_error_monitor.signals.resampling import Resampled
 
@@ -31,14 +33,15 @@ TURN = 2 * np.pi
 
 @dataclass(frozen=True)
 class Ticks:
-    """What m ticks show that all have the same streams.
+    """What m ticks show.
 
     Attributes:
         motion: error motion, before anything is doubted.
         evidence: (m, l) what they say about their streams, columns as in `pipeline.evidence`.
         parity: (m, h) contradiction of the heads, rad.
         disagreement: (m,) of the heads, in standard deviations.
-        layout: of the heads that were used; None where these do not tell the rotation.
+        layout: of the heads that were used; None where these do not tell the rotation. Of several the last one.
+        redundancy: (m,) contradictions among the heads that were used which would show.
         readings: (m, P) what the instruments read, of a stage without heads; else (m, 0).
     """
 
@@ -47,14 +50,38 @@ class Ticks:
     parity: NDArray[np.float64]
     disagreement: NDArray[np.float64]
     layout: HeadLayout | None
+    redundancy: NDArray[np.int64]
     readings: NDArray[np.float64]
+
+    @staticmethod
+    def joined(parts: Sequence[Ticks], order: NDArray[np.int64]) -> Ticks:
+        """Parts one after another, and of all of these ticks those that `order` names."""
+        joined = (
+            np.concatenate([getattr(part, name) for part in parts])[order]
+            for name in ("evidence", "parity", "disagreement", "redundancy", "readings")
+        )
+        evidence, parity, disagreement, redundancy, readings = joined
+        layout = next((part.layout for part in reversed(parts) if part.layout is not None), None)
+        motion = ErrorMotion.joined([part.motion for part in parts]).at(order)
+        return Ticks(motion, evidence, parity, disagreement, layout, redundancy, readings)
 
 
 class TickMaker:
     """Makes error motion of samples for one stage."""
 
-    def __init__(self, stage: StageDescription, heads: Mapping[str, float], period: float) -> None:
-        """For ticks that are `period` (s) apart; `heads` gives the azimuth (rad) by name of the stream."""
+    def __init__(
+        self, stage: StageDescription, heads: Mapping[str, float], bits: Mapping[str, int], period: float
+    ) -> None:
+        """For ticks that are `period` (s) apart.
+
+        Args:
+            stage: description of the stage.
+            heads: azimuth (rad) by name of the stream.
+            bits: of each stream in a mask, by name.
+            period: s.
+        """
+        self._bits = dict(bits)
+        self._names_of: dict[int, tuple[str, ...]] = {}
         self._stage = stage
         self._heads = dict(heads)
         self._period = period
@@ -78,6 +105,32 @@ class TickMaker:
             self._layouts[azimuths] = HeadLayout(azimuths)
         return self._layouts[azimuths]
 
+    def make_each(
+        self,
+        sampled: Mapping[str, Resampled],
+        there: NDArray[np.int64],
+        used: NDArray[np.int64],
+        rates: Mapping[str, float],
+    ) -> Ticks:
+        """As `make`, where each of m ticks has streams of its own: (m,) masks of those that are there and used."""
+        groups = set(zip(there.tolist(), used.tolist(), strict=True))
+        if len(groups) == 1:
+            (both,) = groups
+            return self.make(sampled, self._names(both[0]), self._names(both[1]), rates)
+        parts, places = [], []
+        for both in groups:
+            chosen = np.flatnonzero((there == both[0]) & (used == both[1]))
+            some = {name: each.at(chosen) for name, each in sampled.items()}
+            parts.append(self.make(some, self._names(both[0]), self._names(both[1]), rates))
+            places.append(chosen)
+        return Ticks.joined(parts, np.argsort(np.concatenate(places)))
+
+    def _names(self, mask: int) -> tuple[str, ...]:
+        """Streams of a bit mask."""
+        if mask not in self._names_of:
+            self._names_of[mask] = tuple(name for name, bit in self._bits.items() if mask & bit)
+        return self._names_of[mask]
+
     def make(
         self,
         sampled: Mapping[str, Resampled],
@@ -99,26 +152,29 @@ class TickMaker:
         if not self._heads and COMMAND in there:
             self._put_commanded(motion, seen, sampled[COMMAND].values)
             if AUTOCOLLIMATOR in there:
-                self._put_tilt(motion, seen, sampled[AUTOCOLLIMATOR], rates[AUTOCOLLIMATOR])
+                parts = self._tilt_parts(motion.theta, sampled[AUTOCOLLIMATOR], rates[AUTOCOLLIMATOR])
+                _put_tilt(motion, seen, parts)
         heads = tuple(name for name in self._heads if name in used)
         everyone = tuple(name for name in self._heads if name in there)
         layout, ring = self._ring(heads, sampled)
         if layout is not None and ring is not None:
             disagreement = ring.disagreement
             parity[:, : layout.redundancy] = ring.parity
-            self._put_ring(motion, seen, layout, ring)
-            slowest = min(rates[name] for name in heads)
-            seen[:, evidence.INDEX["head_samples"]] = min(1.0, slowest * self._period)
+            seen_ring = self._ring_parts(layout, ring, min(rates[name] for name in heads))
+            tilt: TiltParts | None = None
+            command: CommandParts | None = None
             if AUTOCOLLIMATOR in there:
-                self._put_tilt(motion, seen, sampled[AUTOCOLLIMATOR], rates[AUTOCOLLIMATOR])
+                tilt = self._tilt_parts(ring.theta, sampled[AUTOCOLLIMATOR], rates[AUTOCOLLIMATOR])
             if COMMAND in there:
-                bends = np.column_stack([sampled[name].bend for name in (*heads, COMMAND)])
-                self._put_command(motion, seen, sampled[COMMAND].values[:, 0], ring, bends)
+                bends = np.concatenate([sampled[name].bend for name in (*heads, COMMAND)], axis=1)
+                command = CommandParts(sampled[COMMAND].values[:, 0], bends)
+            self._put(motion, seen, seen_ring, tilt, command)
         whole = ring if everyone == heads else self._ring(everyone, sampled)[1]
         if whole is not None:
             seen[:, evidence.INDEX["agreement"]] = whole.disagreement**2
         readings = self._readings.read(sampled, there, count) if self._readings else np.empty((count, 0))
-        return Ticks(motion, seen, parity, disagreement, layout, readings)
+        redundancy = np.full(count, 0 if layout is None else layout.redundancy)
+        return Ticks(motion, seen, parity, disagreement, layout, redundancy, readings)
 
     def _ring(
         self, heads: tuple[str, ...], sampled: Mapping[str, Resampled]
@@ -128,36 +184,52 @@ class TickMaker:
         if layout is None or "theta" not in layout.observable:
             return None, None
         encoder = self._stage.ring
-        readings = np.column_stack([sampled[name].values for name in heads])
+        readings = np.concatenate([sampled[name].values for name in heads], axis=1)
         readings = remove_graduation(readings, np.array(layout.azimuths), encoder)
-        gain = np.column_stack([sampled[name].gain for name in heads])
-        travel = np.column_stack([sampled[name].travel for name in heads])
+        gain = np.concatenate([sampled[name].gain[:, None] for name in heads], axis=1)
+        travel = np.concatenate([sampled[name].travel for name in heads], axis=1)
         variance = head_variance(encoder, gain, travel)
         return layout, estimate_ring_pose(layout, encoder.disc_radius, readings, variance)
 
-    def _put_ring(self, motion: ErrorMotion, seen: NDArray[np.float64], layout: HeadLayout, ring: RingPose) -> None:
-        stage, index = self._stage, evidence.INDEX
-        motion.theta[:] = ring.theta
+    def _ring_parts(self, layout: HeadLayout, ring: RingPose, slowest: float) -> RingParts:
+        """What heads show, the slowest of which gives so many samples per s."""
+        stage = self._stage
         radial = remove_eccentricity(ring.centre, ring.theta, stage.ring)
-        described = planar_sum(stage.spindle.radial, ring.theta)
-        for axis, name in enumerate(("x", "y")):
-            if name not in layout.observable:
-                continue
-            motion.components[:, axis] = radial[:, axis]
-            motion.covariance[:, axis, axis] = ring.covariance[:, 1 + axis, 1 + axis]
-            motion.observable[:, axis] = True
-            seen[:, index[f"centre_{name}"]] = ring.centre[:, axis]
         # what of the displacement is predicted, as far as these heads see it
-        described = described @ layout.view[1]
+        described = planar_sum(stage.spindle.radial, ring.theta) @ layout.view[1]
         predicted = (ring.centre - radial) @ layout.view[1] + described
-        seen[:, [index["surplus_x"], index["surplus_y"]]] = ring.seen - predicted
-        seen[:, [index["described_x"], index["described_y"]]] = described
-        motion.covariance[:, 0, 1] = motion.covariance[:, 1, 0] = ring.covariance[:, 1, 2]
-        seen[:, index["theta"]] = ring.theta
-        seen[:, index["heads"]] = 1.0
-        seen[:, index["radial"]] = {"x", "y"} <= set(layout.observable)
-        seen[:, index["believed_agreement"]] = ring.disagreement**2
-        seen[:, index["radial_variance"]] = self._radial_variance(layout, ring)
+        return RingParts(
+            ring.theta,
+            ring.centre,
+            radial,
+            described,
+            predicted,
+            ring.seen,
+            ring.covariance,
+            ring.disagreement,
+            None if len(layout.observable) == 3 else self._radial_variance(layout, ring),
+            "x" in layout.observable,
+            "y" in layout.observable,
+            min(1.0, slowest * self._period),
+        )
+
+    @staticmethod
+    def _put(
+        motion: ErrorMotion,
+        seen: NDArray[np.float64],
+        ring: RingParts,
+        tilt: TiltParts | None,
+        command: CommandParts | None,
+    ) -> None:
+        kernel = chosen_kernel()
+        if kernel is not None:
+            kernel.put(motion, seen, ring, tilt, command, BEND)
+            return
+        _put_ring(motion, seen, ring)
+        if tilt is not None:
+            _put_tilt(motion, seen, tilt)
+        if command is not None:
+            _put_command(motion, seen, command, ring)
 
     @staticmethod
     def _put_commanded(motion: ErrorMotion, seen: NDArray[np.float64], command: NDArray[np.float64]) -> None:
@@ -167,45 +239,64 @@ class TickMaker:
         seen[:, evidence.INDEX["commanded"]] = 1.0
 
     def _radial_variance(self, layout: HeadLayout, ring: RingPose) -> NDArray[np.float64]:
-        """The larger variance of what is seen along x and y, m²."""
-        if len(layout.observable) == 3:
-            return np.maximum(ring.covariance[:, 1, 1], ring.covariance[:, 2, 2])
+        """The larger variance of what heads see along x and y that do not see all, m²."""
         # theta is seen free of the displacement: its variance is that of the readings over the number of heads
         reading = ring.covariance[:, 0, 0] / (layout.weights[0] ** 2).sum()
         return np.asarray(reading * self._stage.ring.disc_radius**2 * (layout.view[0] ** 2).sum(axis=1).max())
 
-    def _put_tilt(self, motion: ErrorMotion, seen: NDArray[np.float64], sampled: Resampled, rate: float) -> None:
-        stage, index = self._stage, evidence.INDEX
-        tilt = remove_mirror(sampled.values, motion.theta, stage.mirror)
-        surplus = tilt - planar_sum(stage.spindle.tilt, motion.theta)
+    def _tilt_parts(self, theta: NDArray[np.float64], sampled: Resampled, rate: float) -> TiltParts:
+        """What the autocollimator shows that gives so many samples per s."""
+        stage = self._stage
+        tilt = remove_mirror(sampled.values, theta, stage.mirror)
+        surplus = tilt - planar_sum(stage.spindle.tilt, theta)
         variance = tilt_variance(stage.tilt_instrument, sampled.gain[:, None], sampled.travel)
-        for axis, name in enumerate(("x", "y")):
-            motion.covariance[:, 3 + axis, 3 + axis] = variance[:, axis]
-            seen[:, index[f"tilt_{name}"]] = sampled.values[:, axis]
-            seen[:, index[f"tilt_surplus_{name}"]] = surplus[:, axis]
-        motion.components[:, 3:5], motion.observable[:, 3:5] = tilt, True
-        seen[:, index["tilt"]] = 1.0
-        seen[:, index["tilt_samples"]] = min(1.0, rate * self._period)
-        seen[:, index["tilt_variance"]] = motion.covariance[:, 3, 3]
+        return TiltParts(sampled.values, tilt, surplus, variance, min(1.0, rate * self._period))
 
-    def _put_command(
-        self,
-        motion: ErrorMotion,
-        seen: NDArray[np.float64],
-        command: NDArray[np.float64],
-        ring: RingPose,
-        bends: NDArray[np.float64],
-    ) -> None:
-        index = evidence.INDEX
-        distance = ring.theta - command
-        # whole turns are no positioning error: heads and command count from zeros of their own
-        turns = np.rint(distance / TURN)
-        if turns.any():
-            distance = distance - TURN * turns
-            motion.theta[:] -= TURN * turns
-        motion.components[:, 5], motion.observable[:, 5] = distance, True
-        motion.covariance[:, 5, 5] = ring.covariance[:, 0, 0] + bend_variance(bends)
-        motion.covariance[:, :2, 5] = motion.covariance[:, 5, :2] = ring.covariance[:, 0, 1:]
-        seen[:, index["command"]] = 1.0
-        seen[:, index["ecc"]] = distance
-        seen[:, index["turns"]] = turns
+
+def _put_ring(motion: ErrorMotion, seen: NDArray[np.float64], ring: RingParts) -> None:
+    index = evidence.INDEX
+    motion.theta[:] = ring.theta
+    for axis, (name, is_seen) in enumerate((("x", ring.sees_x), ("y", ring.sees_y))):
+        if is_seen:
+            motion.components[:, axis] = ring.radial[:, axis]
+            motion.covariance[:, axis, axis] = ring.covariance[:, 1 + axis, 1 + axis]
+            motion.observable[:, axis] = True
+            seen[:, index[f"centre_{name}"]] = ring.centre[:, axis]
+    seen[:, [index["surplus_x"], index["surplus_y"]]] = ring.seen - ring.predicted
+    seen[:, [index["described_x"], index["described_y"]]] = ring.described
+    motion.covariance[:, 0, 1] = motion.covariance[:, 1, 0] = ring.covariance[:, 1, 2]
+    seen[:, index["theta"]] = ring.theta
+    seen[:, index["heads"]] = 1.0
+    seen[:, index["radial"]] = ring.sees_x and ring.sees_y
+    seen[:, index["believed_agreement"]] = ring.disagreement**2
+    both = ring.covariance[:, 1, 1], ring.covariance[:, 2, 2]
+    seen[:, index["radial_variance"]] = np.maximum(*both) if ring.variance is None else ring.variance
+    seen[:, index["head_samples"]] = ring.samples
+
+
+def _put_tilt(motion: ErrorMotion, seen: NDArray[np.float64], parts: TiltParts) -> None:
+    index = evidence.INDEX
+    for axis, name in enumerate(("x", "y")):
+        motion.covariance[:, 3 + axis, 3 + axis] = parts.variance[:, axis]
+        seen[:, index[f"tilt_{name}"]] = parts.read[:, axis]
+        seen[:, index[f"tilt_surplus_{name}"]] = parts.surplus[:, axis]
+    motion.components[:, 3:5], motion.observable[:, 3:5] = parts.tilt, True
+    seen[:, index["tilt"]] = 1.0
+    seen[:, index["tilt_samples"]] = parts.samples
+    seen[:, index["tilt_variance"]] = motion.covariance[:, 3, 3]
+
+
+def _put_command(motion: ErrorMotion, seen: NDArray[np.float64], command: CommandParts, ring: RingParts) -> None:
+    index = evidence.INDEX
+    distance = ring.theta - command.angle
+    # whole turns are no positioning error: heads and command count from zeros of their own
+    turns = np.rint(distance / TURN)
+    if turns.any():
+        distance = distance - TURN * turns
+        motion.theta[:] -= TURN * turns
+    motion.components[:, 5], motion.observable[:, 5] = distance, True
+    motion.covariance[:, 5, 5] = ring.covariance[:, 0, 0] + bend_variance(command.bends)
+    motion.covariance[:, :2, 5] = motion.covariance[:, 5, :2] = ring.covariance[:, 0, 1:]
+    seen[:, index["command"]] = 1.0
+    seen[:, index["ecc"]] = distance
+    seen[:, index["turns"]] = turns

@@ -26,7 +26,7 @@ from rotary_error_monitor.recordings.replayed import (
     remarks_of,
     unrepeated_remarks,
 )
-from rotary_error_monitor.signals.admission import ArrivalCheck
+from rotary_error_monitor.signals.arrival import ArrivalCheck
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.signals.coverage import MessageSpans, coverage_remarks
 from rotary_error_monitor.signals.rows import Keep

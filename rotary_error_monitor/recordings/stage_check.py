@@ -15,7 +15,7 @@ from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.pipeline.estimation import Estimator, EstimatorSettings
 from rotary_error_monitor.pipeline.observability import rotation_is_lacking
 from rotary_error_monitor.recordings.replay import input_topics
-from rotary_error_monitor.signals.admission import FUTURE
+from rotary_error_monitor.signals.arrival import FUTURE
 from rotary_error_monitor.signals.blocks import SampleBlock
 
 BATCH = 32

@@ -10,13 +10,15 @@ import math
 from bisect import bisect_left
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.arrays import Array, Mask
-from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.arrays import Array, Mask, differences
+from rotary_error_monitor.libraries import address
+from rotary_error_monitor.signals.arrival import FUTURE
+from rotary_error_monitor.signals.blocks import SampleBlock
+from rotary_error_monitor.signals.kernel import Kernel, Limits
 from rotary_error_monitor.units import TURN
 
 NOT_FINITE = "not finite"
@@ -25,8 +27,6 @@ ASTRAY = "stamped later than those behind it"
 BEYOND = "beyond what the instrument can show"
 FAST = "faster than the axis can turn"
 SPIKE = "a spike"
-FUTURE = "stamped in the future"
-OLD = "too old at arrival"
 
 
 SPIKE_SIGMAS = 8.0
@@ -55,12 +55,11 @@ NOISY_SIGMAS = 2.6
 _CONTEXT = LAST + 3
 """Samples before the one that is judged that can matter to it."""
 
+_BEND = 3
+"""Samples that a second difference is made of."""
+
 LARGEST_ANGLE = 1e7
 """An unwrapped angle, rad, beyond which float64 no longer holds a thousandth of a count of the finest encoders."""
-
-AHEAD_NS = 100_000_000
-"""How far a stamp may be ahead of the clock, ns: less than an estimate waits for a stream that stays behind, and more
-than the clocks of well kept computers differ by."""
 
 _BEFORE_ALL, _AFTER_ALL = -(2**62), 2**62
 
@@ -102,6 +101,9 @@ class Admission:
     wraps: int = 0
 
     def __post_init__(self) -> None:
+        of = self.limits
+        bend = -1.0 if of.noise is None else self._largest_bend
+        self._limits = Limits(largest=of.largest, speed=of.speed, jitter=of.jitter, largest_bend=bend)
         self.forget()
 
     def forget(self) -> None:
@@ -131,6 +133,33 @@ class Admission:
                 return times, values
         self._newest_ns, self._last = int(times[-1]), values[-1]
         return (times, values) if self.limits.noise is None else self._without_spikes(times, values)
+
+    def copies(
+        self, kernel: Kernel, block: SampleBlock, until_ns: int | None, into: tuple[int, int], width: int
+    ) -> bool:
+        """Whether all samples of a block are beyond doubt, and were copied; else nothing has happened.
+
+        What `admit` would give of them is where `into` says, addresses with room for times and values (n, width).
+        """
+        limits, rows, noise = self._limits, block.rows, self.limits.noise
+        if noise is not None:
+            if self._waiting is not None or len(rows) < _CONTEXT or 0 < len(self._tail) < _BEND:
+                return False
+            tail = self._tail[-_BEND:]
+            limits.tail = address(tail) if len(tail) else None
+        limits.until = _AFTER_ALL if until_ns is None else until_ns
+        limits.is_first = self._newest_ns is None or self._last is None
+        if self._newest_ns is not None and self._last is not None:
+            limits.since, limits.last = self._newest_ns, self._last[0]
+        limits.taken_out = TURN * self._turns
+        if not kernel.admit(limits, rows, block.times_ns, into, width):
+            return False
+        self._newest_ns, self._last = block.newest_ns, rows[-1, 1 : 1 + width]
+        if self._turns and not math.isinf(self.limits.speed):
+            self._last = _turned_by(self._last, self._turns)
+        if noise is not None:
+            self._tail = rows[-_CONTEXT:, 1 : 1 + width].copy()
+        return True
 
     def turn_by(self, turns: int) -> None:
         """Take further whole turns out of all that comes."""
@@ -172,8 +201,8 @@ class Admission:
             return values, None
         turned = _turned_by(values, self._turns) if self._turns else values
         last, since = self._last, self._newest_ns
-        steps = _steps(turned[:, 0], turned[0, 0] if last is None else last[0])
-        passed = _steps(times, times[0] if since is None else since) * 1e-9
+        steps = differences(turned[:, 0], turned[0, 0] if last is None else last[0])
+        passed = differences(times, times[0] if since is None else since) * 1e-9
         if bool((np.abs(steps) <= limits.speed * passed + limits.jitter).all()):
             return turned, None
         kept = np.ones(len(times), np.bool_)
@@ -279,72 +308,6 @@ class Admission:
             self.refusals = np.concatenate([self.refusals, when[which]])
 
 
-@dataclass
-class ArrivalCheck:
-    """Holds the stamps of messages against the time at which they arrive.
-
-    Attributes:
-        max_age_ns: a message whose newest sample is older than this at its arrival is refused.
-        ahead_ns: how far a stamp may be ahead of the clock, see `AHEAD_NS`.
-        refused: messages by reason.
-    """
-
-    max_age_ns: int = 1_000_000_000
-    ahead_ns: int = AHEAD_NS
-    refused: Counter[str] = field(default_factory=Counter)
-    _behind: bool = False
-
-    def __post_init__(self) -> None:
-        if self.max_age_ns <= 0 or self.ahead_ns < 0:
-            raise InputError(
-                f"an age limit of {self.max_age_ns} ns and {self.ahead_ns} ns ahead; expected above 0 and at least 0"
-            )
-
-    def newest_of(self, times: NDArray[np.int64], arrival_ns: int) -> int:
-        """Timestamp (ns) of the newest of samples at `times` (n,) that is not in the future; of all, where all are."""
-        newest = int(times.max())
-        if newest - arrival_ns <= self.ahead_ns:
-            return newest
-        come = times[times <= arrival_ns + self.ahead_ns]
-        return int(come.max()) if len(come) else newest
-
-    def judge(self, newest_ns: int, arrival_ns: int) -> str:
-        """Why a message with its newest sample at `newest_ns` is refused at `arrival_ns`, timestamps; empty if not.
-
-        Once one was too old, all are refused until they come within half of that age: a backlog must not stay, but a
-        computer that is always somewhat late must come back.
-        """
-        if refusal := self.judge_ahead(newest_ns, arrival_ns):
-            return refusal
-        age_ns = arrival_ns - newest_ns
-        limit_ns = self.max_age_ns // 2 if self._behind else self.max_age_ns
-        self._behind = age_ns > limit_ns
-        if self._behind:
-            self.refused[OLD] += 1
-            limit = f"limit {limit_ns * 1e-9:g} s" + (" until it has caught up" if limit_ns < self.max_age_ns else "")
-            return f"{OLD}: {_duration(age_ns)}, {limit}; are the clocks of all computers alike?"
-        return ""
-
-    def judge_ahead(self, newest_ns: int, arrival_ns: int) -> str:
-        """The same of what is in the future alone: of a recording nothing is too old."""
-        if newest_ns - arrival_ns <= self.ahead_ns:
-            return ""
-        self.refused[FUTURE] += 1
-        return f"{FUTURE}: {_duration(newest_ns - arrival_ns)} ahead of this computer's clock; are all clocks alike?"
-
-    def was_set_back(self, newest_ns: int | None, arrival_ns: int) -> bool:
-        """Whether what was believed before is in the future now: the clock was set back."""
-        return newest_ns is not None and newest_ns - arrival_ns > self.ahead_ns
-
-
-def _steps(values: NDArray[Any], before: float) -> NDArray[Any]:
-    """(n,) step to each of `values` (n,) from the one before; `np.diff` with `prepend` takes five times as long."""
-    steps = np.empty_like(values)
-    steps[0] = values[0] - before
-    np.subtract(values[1:], values[:-1], out=steps[1:])
-    return steps
-
-
 def _turned_by(values: Array, turns: int) -> Array:
     """Values (..., k) whose angle, the first of k, has had whole turns taken out."""
     turned = values.copy()
@@ -376,12 +339,3 @@ def _rising(times: NDArray[np.int64]) -> Mask:
         kept[place] = True
         place = before[place]
     return kept
-
-
-def _duration(ns: int) -> str:
-    """A span of time for people."""
-    seconds = ns * 1e-9
-    for size, unit in ((86_400.0, "days"), (3_600.0, "h"), (60.0, "min")):
-        if seconds >= 2 * size:
-            return f"{seconds / size:.1f} {unit}"
-    return f"{seconds:.3g} s"

@@ -9,7 +9,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.errors import InputError, excerpt
+from rotary_error_monitor.signals.kernel import chosen_kernel
 
 NANOSECONDS = 1_000_000_000
 
@@ -26,19 +28,33 @@ class SampleBlock:
 
     stamp_ns: int
     names: tuple[str, ...]
-    rows: NDArray[np.float64]
+    rows: Array
 
     @cached_property
     def times_ns(self) -> NDArray[np.int64]:
         """(n,) timestamp (ns) of each sample."""
-        return self.stamp_ns + np.rint(self.rows[:, 0] * 1e9).astype(np.int64)
+        times = self._compiled_times()
+        return self.stamp_ns + np.rint(self.rows[:, 0] * 1e9).astype(np.int64) if times is None else times
 
-    @property
+    @cached_property
     def newest_ns(self) -> int:
         """Timestamp (ns) of the newest sample, wherever in the block it stands."""
         return int(self.times_ns.max())
 
-    def column(self, name: str) -> NDArray[np.float64]:
+    def is_timed(self) -> bool:
+        """Whether the library finds all times finite and within 2^31 s of the stamp; false where numpy computes."""
+        return self._compiled_times() is not None
+
+    def _compiled_times(self) -> NDArray[np.int64] | None:
+        """Timestamps by the library, with the newest put where both are looked for first."""
+        kernel = chosen_kernel()
+        found = None if kernel is None else kernel.times(self.rows, self.stamp_ns)
+        if found is None:
+            return None
+        vars(self)["times_ns"], vars(self)["newest_ns"] = found
+        return found[0]
+
+    def column(self, name: str) -> Array:
         """(n,) samples of one field.
 
         Raises:
@@ -49,7 +65,7 @@ class SampleBlock:
         except ValueError:
             raise InputError(f"a sample block holds {excerpt(', '.join(self.names))}, but no field '{name}'") from None
 
-    def columns(self, names: Sequence[str]) -> NDArray[np.float64]:
+    def columns(self, names: Sequence[str]) -> Array:
         """(n, len(names)) samples of several fields.
 
         Raises:
@@ -60,7 +76,7 @@ class SampleBlock:
         return np.stack([self.column(name) for name in names], axis=1)
 
 
-def block_from_samples(times_ns: NDArray[np.int64], names: Sequence[str], values: NDArray[np.float64]) -> SampleBlock:
+def block_from_samples(times_ns: NDArray[np.int64], names: Sequence[str], values: Array) -> SampleBlock:
     """Block of samples at `times_ns` (n,) with `values` (n, k) named `names`, stamped with its first.
 
     Raises:
@@ -69,5 +85,6 @@ def block_from_samples(times_ns: NDArray[np.int64], names: Sequence[str], values
     if len(times_ns) == 0 or values.shape != (len(times_ns), len(names)):
         raise InputError(f"{len(times_ns)} times and {len(names)} names do not fit values of shape {values.shape}")
     stamp = int(times_ns[0])
-    seconds = (times_ns - stamp) * 1e-9
-    return SampleBlock(stamp, ("t", *names), np.column_stack([seconds, values]).astype("<f8", copy=False))
+    rows = np.empty((len(times_ns), 1 + len(names)), "<f8")
+    rows[:, 0], rows[:, 1:] = (times_ns - stamp) * 1e-9, values
+    return SampleBlock(stamp, ("t", *names), rows)

@@ -6,17 +6,20 @@ the two after, which holds under acceleration where a straight line errs. Either
 samples, and `gain` is the sum of the squared weights: the variance of the value over that of a sample.
 
 All operations work element by element, so a tick's value has the same bits whatever other ticks are computed with it.
+Where there is the library of `kernel`, it computes, the same bits again.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.arrays import Array, Mask, Times
+from rotary_error_monitor.signals.kernel import Grid, chosen_kernel
 
 FEWEST_TO_FIT = 8
 """Samples in a cell from which the fit is used; below it the interpolation has no more noise."""
@@ -59,10 +62,16 @@ def tick_times(first: int, count: int, period_ns: int) -> NDArray[np.int64]:
     return np.arange(first, first + count, dtype=np.int64) * period_ns + period_ns // 2
 
 
-def count_decided(times_ns: Times, ticks_ns: Times, period_ns: int) -> int:
-    """How many of the leading `ticks_ns` have all the samples that they will ever need."""
-    if len(times_ns) == 0 or len(ticks_ns) == 0:
+def count_decided(times_ns: NDArray[np.int64], first: int, count: int, period_ns: int) -> int:
+    """How many of the ticks `first`, `first + 1`, … of so many have all the samples that they will ever need."""
+    if len(times_ns) == 0 or count <= 0:
         return 0
+    kernel = chosen_kernel()
+    found = None if kernel is None else kernel.decided(_grid(period_ns), times_ns, first, count)
+    return _count_decided(times_ns, tick_times(first, count, period_ns), period_ns) if found is None else found
+
+
+def _count_decided(times_ns: NDArray[np.int64], ticks_ns: NDArray[np.int64], period_ns: int) -> int:
     start, stop = _cells(times_ns, ticks_ns, period_ns)
     complete = times_ns[-1] >= _fit_end(ticks_ns, period_ns)
     dense = stop - start >= FEWEST_TO_FIT
@@ -85,6 +94,19 @@ def resample_all(
     Not valid is a tick whose neighbours are missing: more than `max_gap_ns` apart, or so unevenly spaced that a sample
     is missing between them. Many signals at once cost little more than one.
     """
+    kernel = chosen_kernel()
+    found = None if kernel is None else kernel.resample(_grid(period_ns, max_gap_ns), signals, ticks_ns)
+    if found is not None:
+        return [Resampled(*each) for each in found]
+    return _resample_all(signals, ticks_ns, period_ns, max_gap_ns)
+
+
+def _resample_all(
+    signals: Sequence[tuple[NDArray[np.int64], Array]],
+    ticks_ns: NDArray[np.int64],
+    period_ns: int,
+    max_gap_ns: int,
+) -> list[Resampled]:
     results: list[Resampled | None] = [None] * len(signals)
     dense: list[tuple[int, Mask, _Cells]] = []
     for i, (times, values) in enumerate(signals):
@@ -133,8 +155,18 @@ def _merged(whole: Resampled | None, part: Resampled, chosen: Mask) -> Resampled
     return whole
 
 
-def _fit_end(ticks_ns: Times, period_ns: int) -> NDArray[np.int64]:
-    return ticks_ns - period_ns // 2 + round(period_ns * (1 - GUARD))
+def _fit_end(ticks_ns: NDArray[np.int64], period_ns: int) -> NDArray[np.int64]:
+    return ticks_ns - period_ns // 2 + _fitted(period_ns)
+
+
+def _fitted(period_ns: int) -> int:
+    """The part of a cell that is fitted, ns."""
+    return round(period_ns * (1 - GUARD))
+
+
+@lru_cache(maxsize=64)
+def _grid(period_ns: int, max_gap_ns: int = 0) -> Grid:
+    return Grid(period_ns, _fitted(period_ns), FEWEST_TO_FIT, max_gap_ns, MARGIN * period_ns)
 
 
 def _cells(times_ns: Times, ticks_ns: Times, period_ns: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -216,7 +248,7 @@ def _fit(signals: list[_Cells], period_ns: int) -> list[Resampled]:
     gain = c0 / determinant
     last = begin + sizes - 1
     margin = MARGIN * period_ns
-    fit_end = round(period_ns * (1 - GUARD)) - period_ns // 2
+    fit_end = _fitted(period_ns) - period_ns // 2
     covered = (first + period_ns // 2 <= margin) & (fit_end - u[last] * period_ns <= margin)
     travel = np.abs(y[last])
     fitted = np.where(covered, fitted, 0.0)

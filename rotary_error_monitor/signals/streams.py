@@ -10,8 +10,11 @@ from statistics import median
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array, Mask
+from rotary_error_monitor.libraries import address
 from rotary_error_monitor.signals.admission import Admission, SampleLimits
 from rotary_error_monitor.signals.blocks import SampleBlock
+from rotary_error_monitor.signals.kernel import chosen_kernel
 from rotary_error_monitor.units import TURN
 
 DISTANCES = 5
@@ -64,8 +67,10 @@ class SampleStream:
         self.begin_ns: int | None = None
         self.patience_ns = patience_ns
         self._expected_ns: int | None = None
+        self._newest_ns: int | None = None
         self._all_times = np.empty(0, np.int64)
         self._all_values = np.empty((0, len(self.names)))
+        self._times_at = self._values_at = 0
         self._keep(0, 0)
         self._spacing_ns = 0.0
         self._distances: deque[int] = deque(maxlen=DISTANCES)
@@ -77,14 +82,14 @@ class SampleStream:
         return self._times
 
     @property
-    def values(self) -> NDArray[np.float64]:
+    def values(self) -> Array:
         """(n, k) samples in memory, columns as in `names`."""
         return self._values
 
     @property
     def newest_ns(self) -> int | None:
         """Timestamp (ns) of the latest sample; None before the first."""
-        return int(self._times[-1]) if len(self._times) else None
+        return self._newest_ns
 
     @property
     def rate(self) -> float:
@@ -103,19 +108,38 @@ class SampleStream:
             InputError: the block lacks one of the fields.
         """
         newest = self.newest_ns
-        times, values = self.admission.admit(block.times_ns, block.columns(self.names), until_ns)
-        if len(times) == 0:
-            return 0
-        self._note_gap(newest, int(times[0]))
-        if len(times) > 1:
-            self._spacing_ns = (int(times[-1]) - int(times[0])) / (len(times) - 1)
+        if self._copies(block, until_ns):
+            times = block.times_ns
+        else:
+            times, values = self.admission.admit(block.times_ns, block.columns(self.names), until_ns)
+            if len(times) == 0:
+                return 0
+            self._append(times, values)
+        count, first, last = len(times), int(times[0]), int(times[-1])
+        self._newest_ns = last
+        self._note_gap(newest, first)
+        if count > 1:
+            self._spacing_ns = (last - first) / (count - 1)
         elif newest is not None:  # of single samples a short distance or a loss is not how the stream is: the median is
-            self._distances.append(int(times[0]) - newest)
+            self._distances.append(first - newest)
             self._spacing_ns = median(self._distances)
-        self._block_samples = len(times)
-        self.block_duration_ns = int(times[-1]) - int(times[0])
-        self._append(times, values)
-        return len(times)
+        self._block_samples = count
+        self.block_duration_ns = last - first
+        return count
+
+    def _copies(self, block: SampleBlock, until_ns: int | None) -> bool:
+        """Whether the library took in a block, for all of its samples are beyond doubt."""
+        kernel = chosen_kernel()
+        count, width = len(block.rows), len(self.names)
+        if kernel is None or count == 0 or block.names[1 : 1 + width] != self.names:
+            return False
+        self._make_room(count)
+        end = self._end
+        into = self._times_at + 8 * end, self._values_at + 8 * width * end
+        if not self.admission.copies(kernel, block, until_ns, into, width):
+            return False
+        self._keep(self._begin, end + count)
+        return True
 
     def turn_by(self, turns: int) -> None:
         """Take whole turns out of the readings (first column, rad), of those in memory and of all that come."""
@@ -127,13 +151,14 @@ class SampleStream:
         """Forget all samples, as before the first one; counts stay."""
         self.admission.forget()
         self._keep(self._end, self._end)
+        self._newest_ns = None
         self._gaps.clear()
         self._distances.clear()
         self._expected_ns = self.begin_ns = None
 
     def trim(self, before_ns: int, margin: int = 3) -> None:
         """Forget samples stamped before `before_ns`, but the last `margin` of them."""
-        first = int(np.searchsorted(self._times, before_ns)) - margin
+        first = int(self._times.searchsorted(before_ns)) - margin
         if first > 0:
             self._keep(self._begin + first, self._end)
             oldest = int(self._times[0])
@@ -160,9 +185,12 @@ class SampleStream:
         last = self._expected_ns if self.newest_ns is None else self.newest_ns
         return last is not None and watermark_ns - last > self.patience_ns
 
-    def is_whole(
-        self, ticks_ns: NDArray[np.int64], period_ns: int, *, after_patience: bool = True
-    ) -> NDArray[np.bool_]:
+    @property
+    def has_gaps(self) -> bool:
+        """Whether samples were missing of late: without, all are whole that `is_whole` is asked for."""
+        return bool(self._gaps)
+
+    def is_whole(self, ticks_ns: NDArray[np.int64], period_ns: int, *, after_patience: bool = True) -> Mask:
         """(m,) whether every sample that a value at a tick rests on was there.
 
         A listener that missed a block may hold enough samples for a value, yet not the value of one that heard all.
@@ -186,19 +214,23 @@ class SampleStream:
         self._begin, self._end = begin, end
         self._times, self._values = self._all_times[begin:end], self._all_values[begin:end]
 
-    def _append(self, times: NDArray[np.int64], values: NDArray[np.float64]) -> None:
+    def _append(self, times: NDArray[np.int64], values: Array) -> None:
         """Put samples behind those in memory, where nobody has looked yet: what was handed out stays as it was."""
-        if self._end + len(times) > len(self._all_times):
-            self._move(_ROOM * (len(self._times) + len(times)))
+        self._make_room(len(times))
         begin, end = self._end, self._end + len(times)
         self._all_times[begin:end], self._all_values[begin:end] = times, values
         self._keep(self._begin, end)
+
+    def _make_room(self, count: int) -> None:
+        if self._end + count > len(self._all_times):
+            self._move(_ROOM * (len(self._times) + count))
 
     def _move(self, room: int) -> None:
         """Move the samples in memory to a new place that has room for so many."""
         count, times, values = len(self._times), self._times, self._values
         self._all_times, self._all_values = np.empty(room, np.int64), np.empty((room, len(self.names)))
         self._all_times[:count], self._all_values[:count] = times, values
+        self._times_at, self._values_at = address(self._all_times), address(self._all_values)
         self._keep(0, count)
 
     def _note_gap(self, newest: int | None, first: int) -> None:

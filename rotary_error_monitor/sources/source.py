@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.signals.admission import ArrivalCheck
+from rotary_error_monitor.signals.arrival import ArrivalCheck
 from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections import defaultdict
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -42,8 +43,8 @@ def contents() -> dict[str, list[Content]]:
 def assert_same(one: Content, other: Content) -> None:
     """Equal to the last bit."""
     assert type(one) is type(other)
-    for name, value in vars(one).items():
-        np.testing.assert_array_equal(value, vars(other)[name], err_msg=name)
+    for name in (each.name for each in fields(one)):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
 
 
 def read_by_rosbags(folder: Path) -> list[tuple[str, int, bytes]]:

@@ -47,7 +47,7 @@ STEPS: dict[str, list[tuple[Any, str]]] = {
     "joining samples to their stream": [(SampleStream, "push"), (SampleStream, "trim")],
     "which ticks are decided": [(Estimator, "_decided_until")],
     "values at the ticks": [(estimation, "resample_all")],
-    "error motion": [(TickMaker, "make")],
+    "error motion": [(TickMaker, "make_each")],
     "judging windows": [(Belief, "assess")],
     "what may go out": [(Publication, "finish"), (ErrorMotion, "at")],
     "joint states": [(JointTrack, "push"), (JointTrack, "at"), (JointTrack, "trim")],

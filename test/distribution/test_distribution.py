@@ -24,6 +24,8 @@ from rotary_error_monitor.testing.domains import own_domain
 
 ROOT = Path(__file__).parents[2]
 PACKAGE = "rotary_error_monitor"
+ROOMS = ("machine", "metrology", "pipeline", "signals")
+LIBRARIES = {f"{PACKAGE}/{room}/_kernel{get_config_var('EXT_SUFFIX')}" for room in ROOMS}
 HOOKS = "import sys; from setuptools import build_meta; print(getattr(build_meta, sys.argv[1])(sys.argv[2]))"
 """Calls a build hook of PEP 517 as `python -m build --no-isolation` does."""
 
@@ -105,10 +107,9 @@ def test_the_wheel_holds_the_package_and_its_data(wheel):
         held = set(archive.namelist())
         entries = configparser.ConfigParser()
         entries.read_string(archive.read(f"{PACKAGE}-{version()}.dist-info/entry_points.txt").decode())
-    built = f"{PACKAGE}/machine/_kernel{get_config_var('EXT_SUFFIX')}"
     assert {name for name in held if name.startswith(f"{PACKAGE}/")} == {
         *(name for name in checkout.names() if name.startswith(f"{PACKAGE}/") and not name.endswith((".c", ".h"))),
-        *([built] if which(get_config_var("CC").split()[0]) else []),
+        *(LIBRARIES if which(get_config_var("CC").split()[0]) else []),
     }
     data = f"{PACKAGE}-{version()}.data/data/share/"
     share = {name.removeprefix(data) for name in held if name.startswith(data)}
@@ -118,12 +119,12 @@ def test_the_wheel_holds_the_package_and_its_data(wheel):
     assert set(entries["console_scripts"]) == {*checkout.node_names(), PACKAGE}
 
 
-def test_without_a_compiler_the_wheel_lacks_the_library_alone(wheel, tmp_path):
+def test_without_a_compiler_the_wheel_lacks_the_libraries_alone(wheel, tmp_path):
     source = checkout.copy_to(tmp_path / "source")
     other = built("build_wheel", source, tmp_path, CC="/bin/false")
     with zipfile.ZipFile(wheel) as archive, zipfile.ZipFile(other) as lacking:
         differing = set(archive.namelist()) - set(lacking.namelist())
-        assert differing <= {f"{PACKAGE}/machine/_kernel{get_config_var('EXT_SUFFIX')}"}
+        assert differing <= LIBRARIES
         assert f"{PACKAGE}/machine/kernel.py" in lacking.namelist()
 
 

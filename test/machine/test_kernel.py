@@ -20,10 +20,11 @@ from numpy.typing import NDArray
 
 from rotary_error_monitor.description.machine import Body, MachineDescription, load_machine
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.libraries import VARIABLE, source_digest
 from rotary_error_monitor.machine import kernel
 from rotary_error_monitor.machine.correction import SolvedCorrections, remaining_offset, solve_axis_corrections
 from rotary_error_monitor.machine.error_model import predict_tool_offset
-from rotary_error_monitor.machine.kernel import Kernel, chosen_kernel, load_kernel, source_digest
+from rotary_error_monitor.machine.kernel import Kernel, chosen_kernel, load_kernel
 from rotary_error_monitor.machine.kinematics import arrange_machine, stand
 
 Array = NDArray[np.float64]
@@ -49,7 +50,7 @@ def extension() -> setuptools.Extension:
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(ROOT)
         patch.setattr(setuptools, "setup", lambda **_: None)
-        described: setuptools.Extension = runpy.run_path("setup.py")["machine_kernel"]()
+        described: setuptools.Extension = runpy.run_path("setup.py")["kernel"](SOURCES.relative_to(ROOT))
         return described
 
 
@@ -230,7 +231,7 @@ def test_a_machine_with_more_axes_than_the_kernel_has_room_for_is_computed_by_nu
 @pytest.fixture
 def anew(monkeypatch: pytest.MonkeyPatch) -> Any:
     """Looks for the kernel again, and at the end as before."""
-    monkeypatch.delitem(os.environ, kernel.VARIABLE, raising=False)
+    monkeypatch.delitem(os.environ, VARIABLE, raising=False)
     load_kernel.cache_clear()
     yield monkeypatch
     load_kernel.cache_clear()
@@ -242,7 +243,7 @@ def test_without_the_library_numpy_computes_and_says_so(anew: pytest.MonkeyPatch
     assert "_kernel.so was not built" in kernel.describe_kernel()
     machine = load_machine("xyzac_trt")
     assert predict_tool_offset(arrange_machine(machine), np.zeros((1, 5))).shape == (1, 6)
-    anew.setenv(kernel.VARIABLE, "compiled")
+    anew.setenv(VARIABLE, "compiled")
     load_kernel.cache_clear()
     with pytest.raises(
         InputError, match=r"=compiled, but _kernel\.so was not built: install the package where there is"
@@ -270,7 +271,7 @@ def test_a_library_of_other_sources_is_not_used(anew: pytest.MonkeyPatch, tmp_pa
 
 
 def test_a_kernel_of_another_name_is_refused(anew: pytest.MonkeyPatch) -> None:
-    anew.setenv(kernel.VARIABLE, "fortran")
+    anew.setenv(VARIABLE, "fortran")
     with pytest.raises(InputError, match=r"ROTARY_ERROR_MONITOR_KERNEL=fortran; expected numpy or compiled"):
         load_kernel()
 

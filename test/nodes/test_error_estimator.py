@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from faults.documenting import Row, shows
 from faults.live.other_programs import check, lost_time
+from kernels import computing_by
 from nodes.plant_samples import assert_figures
 from rclpy.serialization import deserialize_message
 from received_blocks import block_of
@@ -77,6 +78,13 @@ def whole_ns(received):
         if whole.size:
             return int(whole[0])
     return 0
+
+
+def test_that_ticks_are_computed_by_numpy_is_logged(cell, capfd):
+    with computing_by("numpy"):
+        cell.run(ErrorEstimator, "error_estimator")
+    log = capfd.readouterr().err
+    assert log.count("ticks are computed by numpy, which is slower: ROTARY_ERROR_MONITOR_KERNEL=numpy") == 1
 
 
 def test_all_streams_give_all_components_but_the_axial_one(cell, estimates, sensors, plant):

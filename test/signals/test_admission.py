@@ -15,15 +15,13 @@ from rotary_error_monitor.signals.admission import (
     ASTRAY,
     BEYOND,
     FAST,
-    FUTURE,
     LATE,
     NOT_FINITE,
-    OLD,
     SPIKE,
     Admission,
-    ArrivalCheck,
     SampleLimits,
 )
+from rotary_error_monitor.signals.arrival import FUTURE, OLD, ArrivalCheck
 from rotary_error_monitor.units import TURN
 
 MS = 1_000_000

@@ -152,7 +152,7 @@ def test_a_decided_tick_never_changes_when_more_samples_come(rate, known):
     known = min(known, len(times))
     values = np.sin(times * 1e-8)[:, None]
     ticks = tick_times(1, 480, PERIOD)
-    decided = count_decided(times[:known], ticks, PERIOD)
+    decided = count_decided(times[:known], 1, 480, PERIOD)
     early = resample(times[:known], values[:known], ticks[:decided], PERIOD, GAP)
     late = resample(times, values, ticks[:decided], PERIOD, GAP)
     np.testing.assert_array_equal(early.values, late.values)
@@ -170,10 +170,11 @@ def test_what_is_decided_does_not_change_with_the_samples_that_follow(rate, size
     period_ns, max_gap_ns = 1_000_000, 20_000_000
     times = phase_ns + np.arange(sum(sizes), dtype=np.int64) * (1_000_000_000 // rate)
     values = np.sin(1e-7 * times)[:, None]
-    ticks = tick_times(int(times[0]) // period_ns, int(times[-1] - times[0]) // period_ns, period_ns)
+    first, count = int(times[0]) // period_ns, int(times[-1] - times[0]) // period_ns
+    ticks = tick_times(first, count, period_ns)
     whole = resample(times, values, ticks, period_ns, max_gap_ns)
     for there in np.cumsum(sizes).tolist():
-        decided = count_decided(times[:there], ticks, period_ns)
+        decided = count_decided(times[:there], first, count, period_ns)
         part = resample(times[:there], values[:there], ticks[:decided], period_ns, max_gap_ns)
         np.testing.assert_array_equal(part.valid, whole.valid[:decided])
         np.testing.assert_array_equal(part.values, whole.values[:decided])
