@@ -38,6 +38,9 @@ Beyond, another cause in its place is likelier by more than 20 to one, however s
 _UNSEEN = 1e-6
 """A modulation that varies less than this over a recording (its standard deviation) is none."""
 
+_IN_MINUTES = 600.0
+"""Durations, s, from which they are told in minutes."""
+
 Words = Callable[[float], str]
 
 
@@ -233,6 +236,10 @@ class Normaliser:
         spread = self._found[name][1]
         return spread if spread > _UNSEEN else 0.0
 
+    def span(self, name: str) -> float:
+        """From the least to the largest value of the quantity, in its own unit."""
+        return float(np.ptp(self.looks[name]))
+
     def __call__(self, name: str, values: Array) -> Array:
         """The values, centred and scaled."""
         spread = self.unit(name)
@@ -290,6 +297,35 @@ class LeavingOut(Protocol):
 def grows(change: float) -> str:
     """Whether a relative change is one to more or to less."""
     return "grows" if change > 0 else "shrinks"
+
+
+def by_rate(change: float, span: float, per: str, size: float = 1.0) -> str:
+    """Words for a relative change for each unit of a quantity; over all that it spans where that is less than one.
+
+    Args:
+        change: for each SI unit.
+        span: of the quantity in the recording, in that unit.
+        per: unit in which it is told, such as `K` or `100 N`.
+        size: how many SI units that is.
+    """
+    if span >= size:
+        return f"by {percent(change * size)}{'/K' if per == 'K' else f' per {per}'}"
+    number, _, unit = per.rpartition(" ")
+    return f"by {percent(change * span)} over the {span / size * float(number or 1):.2g} {unit} of the recording"
+
+
+def over_time(change: float, duration: float) -> str:
+    """Words for a change over a whole recording, relative to the mean: by a part of what is largest at either end.
+
+    Args:
+        change: from the beginning to the end.
+        duration: of the recording, s.
+    """
+    told = f"{duration:.3g} s" if duration < _IN_MINUTES else f"{duration / 60:.3g} min"
+    if abs(change) >= 2.0:
+        return f"changes its sign over the {told}"
+    part = percent(change / (1 + abs(change) / 2))
+    return f"grows over the {told} by {part} of its final size" if change > 0 else f"shrinks by {part} over the {told}"
 
 
 def with_its_size(change: float) -> str:

@@ -217,7 +217,7 @@ def change_bounds(causes: Sequence[Cause], nuisances: int, departures: int) -> t
     """Least and largest change (nuisances + k + departures,) of each column; causes' free values alone have bounds."""
     low, high = [np.full(nuisances, -np.inf)], [np.full(nuisances, np.inf)]
     for cause in causes:
-        free, (least, largest) = _free(cause), cause.effect.bounds()
+        free, (least, largest) = _free(cause), cause.effect.bounds(cause.values)
         low.append(np.minimum(least[free] - cause.values[free], 0.0))
         high.append(np.maximum(largest[free] - cause.values[free], 0.0))
     free_of_bounds = np.full(departures, np.inf)

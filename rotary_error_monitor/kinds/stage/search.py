@@ -15,12 +15,15 @@ from scipy.optimize import minimize_scalar
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.harmonics import AngularHarmonic, PlanarHarmonic
+from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.effect import AnyEffect, Searched, order_location
-from rotary_error_monitor.effects.rotor import is_among
+from rotary_error_monitor.effects.rotor import StageEffect, effects_of, is_among
+from rotary_error_monitor.gap.departures import SHARE
 from rotary_error_monitor.gap.orders import order_spectrum
 from rotary_error_monitor.gap.problem import Candidate, Rows
 from rotary_error_monitor.metrology.periodic_curves import doubted_orders
-from rotary_error_monitor.sensors.library import instrument_of, is_listed, kind_of
+from rotary_error_monitor.sensors.library import COMMAND, instrument_of, is_listed, kind_of
+from rotary_error_monitor.twin.recording import StageRecording
 
 if TYPE_CHECKING:
     from rotary_error_monitor.kinds.stage.problem import StageProblem
@@ -36,6 +39,19 @@ LOWEST_ORDERS = (1, 2)
 
 WHOLE = 0.02
 """Orders closer to a whole number than this are left to the families of whole orders."""
+
+
+def effects_in(
+    stage: StageDescription, recording: StageRecording, effects: Sequence[StageEffect]
+) -> tuple[StageEffect, ...]:
+    """The effects that a stage can show, with the bounds that their values have in a recording.
+
+    A wave of nearly a whole order drifts from that one's phase, evenly over the rotation. Where that is no more than
+    a departure of a synchronous motion may be, `SHARE` root mean square, it is one.
+    """
+    rotation = float(np.ptp(recording.streams[COMMAND].values[:, 0]))
+    apart = SHARE * float(np.sqrt(12)) / max(rotation, np.finfo(np.float64).tiny)
+    return tuple(effect.seen_in(stage, apart) for effect in effects_of(stage, effects))
 
 
 class StageSearch:
