@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.gap.problem import Columns, LateRows, Rows, SparseRows
+from rotary_error_monitor.units import HOUR
 
 SHARE = 0.1
 """Standard deviation of each departure, as a part of the cause's own size (root mean square).
@@ -38,8 +39,8 @@ Beyond, another cause in its place is likelier by more than 20 to one, however s
 _UNSEEN = 1e-6
 """A modulation that varies less than this over a recording (its standard deviation) is none."""
 
-_IN_MINUTES = 600.0
-"""Durations, s, from which they are told in minutes."""
+_DURATIONS = ((HOUR, "h"), (60.0, "min"), (1.0, "s"))
+"""Units of durations, s: each is told in the largest of which it has ten."""
 
 Words = Callable[[float], str]
 
@@ -321,11 +322,15 @@ def over_time(change: float, duration: float) -> str:
         change: from the beginning to the end.
         duration: of the recording, s.
     """
-    told = f"{duration:.3g} s" if duration < _IN_MINUTES else f"{duration / 60:.3g} min"
+    told = next(
+        (f"{duration / size:.3g} {unit}" for size, unit in _DURATIONS if duration >= 10 * size), f"{duration:.2g} s"
+    )
     if abs(change) >= 2.0:
         return f"changes its sign over the {told}"
     part = percent(change / (1 + abs(change) / 2))
-    return f"grows over the {told} by {part} of its final size" if change > 0 else f"shrinks by {part} over the {told}"
+    if change > 0:
+        return f"grows with time by {part} of its final size over the {told}"
+    return f"shrinks with time by {part} over the {told}"
 
 
 def with_its_size(change: float) -> str:
