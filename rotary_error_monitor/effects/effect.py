@@ -200,10 +200,15 @@ class Effect(Generic[Description]):
         return np.asarray(np.clip(values, *self.bounds(values)), np.float64)
 
     def inward(self, values: Values, index: int, step: float) -> float:
-        """The step of one value, taken the other way where it would leave the bounds."""
-        low, high = (float(bound[index]) for bound in self.bounds())
+        """The step of one value, the other way where it would leave the bounds, larger where it would end between."""
+        low, high = (float(bound[index]) for bound in self.bounds(values))
         forward, back = float(values[index]) + step, float(values[index]) - step
-        return -step if not low <= forward <= high and low <= back <= high else step
+        inward = -step if not low <= forward <= high and low <= back <= high else step
+        moved = values.copy()
+        moved[index] += inward
+        reached = float(self.held(moved)[index])
+        # to what is held where it began there is no step
+        return inward if reached in (moved[index], values[index]) else reached - float(values[index])
 
     def at_bounds(self, values: Values) -> dict[str, float]:
         """Fitted parameters of which a value is at a bound, with that value."""

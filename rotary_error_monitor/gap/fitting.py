@@ -209,7 +209,7 @@ def _predictable(
             return after, problem.residual(after)
         except UnpredictableError:
             halves = (0.5 * (old.values + new.values) for old, new in zip(before, after, strict=True))
-            after = tuple(cause.with_values(values) for cause, values in zip(after, halves, strict=True))
+            after = tuple(cause.with_values(cause.effect.held(v)) for cause, v in zip(after, halves, strict=True))
     return before, problem.residual(before)
 
 
