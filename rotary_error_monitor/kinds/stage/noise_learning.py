@@ -111,8 +111,7 @@ class NoiseLearning:
         tracks = _by_instrument(self._problem.tracks(raw))
         found = {name: _as_stated_or_louder(noise.levels[name], own) for name, own in tracks.items()}
         if min(found.values(), default=np.inf) <= 1.0:
-            rest, _ = own_rest(self._problem, raw, self._problem.own_nuisance(causes))
-            for name, own in _by_instrument(self._problem.tracks(rest)).items():
+            for name, own in _by_instrument(self._problem.tracks(self._left(raw, causes))).items():
                 found[name] = found[name] if found[name] > 1.0 else _as_stated_or_quieter(noise.levels[name], own)
         changed = {name: level for name, level in found.items() if abs(level / noise.levels[name] - 1) > SAME_LEVEL}
         if not changed:
@@ -123,6 +122,15 @@ class NoiseLearning:
         self._nuisances.forget()
         self._signatures.follow_levels(noise, ratios)
         return True
+
+    def _left(self, raw: Rows, causes: Sequence[Cause]) -> Rows:
+        """What uncertain parameters, of each channel on its own, leave of white rows; of the variance of noise."""
+        uncertain = self._problem.own_nuisance(causes)
+        rest, _ = own_rest(self._problem, raw, uncertain)
+        for channel, own in uncertain.acting.items():
+            count = np.count_nonzero(self._problem.expected(channel))
+            rest[channel] *= np.sqrt(count / max(count - len(own), 1))
+        return rest
 
     def learn_jitter(self, causes: Sequence[Cause]) -> bool:
         """Spectrum of the jitter, beside other causes than before: what was learnt beside fewer may have been one."""
@@ -259,9 +267,10 @@ def _as_stated_or_quieter(level: float, tracks: Sequence[Track]) -> float:
 
 def _summed_squares(channels: Sequence[Array]) -> Iterator[list[Array]]:
     """Squares of rows (m,) of each channel, then of sums of two neighbours, four, …, of the variance of one."""
-    while min(map(len, channels)) >= LEAST_SUMS:
-        yield [np.square(rows) for rows in channels]
+    yield [np.square(rows) for rows in channels]
+    while min(map(len, channels)) >= 2 * LEAST_SUMS:
         channels = [(rows[1::2] + rows[: len(rows) // 2 * 2 : 2]) / np.sqrt(2) for rows in channels]
+        yield [np.square(rows) for rows in channels]
 
 
 def _mean_of(parts: Sequence[Array]) -> float:
