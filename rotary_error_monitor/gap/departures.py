@@ -325,7 +325,7 @@ def over_time(change: float, duration: float) -> str:
     told = next(
         (f"{duration / size:.3g} {unit}" for size, unit in _DURATIONS if duration >= 10 * size), f"{duration:.2g} s"
     )
-    if abs(change) >= 2.0:
+    if abs(change) > 2.0:
         return f"changes its sign over the {told}"
     part = percent(change / (1 + abs(change) / 2))
     if change > 0:

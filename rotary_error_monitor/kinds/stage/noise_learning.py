@@ -249,11 +249,11 @@ def _as_stated_or_quieter(level: float, tracks: Sequence[Track]) -> float:
     """How many times the stated noise an instrument has at most by what is left, where that is less.
 
     It is as stated or quieter, each as likely beforehand, the logarithm of a quieter one half-normal (`QUIETER`). Sums
-    of neighbouring rows count as well as single ones: errors of rounding are not independent, and a sum of rows that
-    are louder together than alone is what a fault is told from. The scatter of the estimate is that from part to part.
+    of neighbouring rows count where they are surely louder than single ones: errors of rounding are not independent,
+    and a fault is told from such sums. The scatter of the estimate is that from part to part.
     """
     near = [0.5 * np.square(_differences(track)) for track in tracks]
-    most = max([near, *_summed_squares([track.rows for track in tracks])], key=_mean_of)
+    most = max([near, *_summed_squares([track.rows for track in tracks])], key=_surely)
     means = np.mean([[float(np.mean(part)) for part in np.array_split(own, PARTS)] for own in most], axis=0)
     mean = float(np.mean(means))
     if mean * level**2 >= 1.0 or mean == 0.0:
@@ -273,8 +273,10 @@ def _summed_squares(channels: Sequence[Array]) -> Iterator[list[Array]]:
         yield [np.square(rows) for rows in channels]
 
 
-def _mean_of(parts: Sequence[Array]) -> float:
-    return float(np.mean(np.concatenate(parts)))
+def _surely(parts: Sequence[Array]) -> float:
+    """Mean of squares less three times its scatter, were they of independent normal numbers."""
+    squares = np.concatenate(parts)
+    return float(np.mean(squares)) * (1 - 3 * float(np.sqrt(2 / len(squares))))
 
 
 def _differences(track: Track) -> Array:
