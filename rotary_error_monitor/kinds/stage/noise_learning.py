@@ -255,7 +255,9 @@ def _as_stated_or_quieter(level: float, tracks: Sequence[Track]) -> float:
     near = [0.5 * np.square(_differences(track)) for track in tracks]
     most = max([near, *_summed_squares([track.rows for track in tracks])], key=_surely)
     means = np.mean([[float(np.mean(part)) for part in np.array_split(own, PARTS)] for own in most], axis=0)
-    mean = float(np.mean(means))
+    # Where parts differ by more than chance it is that of the louder ones: no level holds for all of them.
+    chance = 2 * float(np.mean(means)) ** 2 * PARTS / sum(map(len, most))
+    mean = float(np.mean(means)) + 2 * float(np.sqrt(max(np.var(means, ddof=1) - chance, 0.0)))
     if mean * level**2 >= 1.0 or mean == 0.0:
         return 1.0
     lower = float(np.log(level) + 0.5 * np.log(mean))

@@ -69,15 +69,13 @@ def test_noise_of_another_form_is_not_quieter(seed, form):
 
 @pytest.mark.parametrize("seed", [51, 52])
 def test_noise_is_no_quieter_beside_a_fault_than_without_it(seed):
-    case = make_stage_case(seed, "single", ["disc_eccentricity"], (60.0, 120.0), duration=13.0)
-    problem = problem_of(case, 1.5)
+    case = make_stage_case(seed, "single", ["lvdt_artefact"], (60.0, 120.0), duration=13.0)
+    problem, fault = problem_of(case, 1.5), case.truth.faults[0]
     problem.learn_noise(())
-    beside = problem.noise.levels["head"]
-    fault = case.truth.faults[0]
+    beside = problem.noise.levels["lvdt"]
     effect = next(effect for effect in problem.effects if effect.name == fault.name)
     problem.learn_noise((Cause(effect, "", np.array(fault.shift)),))
-    level = true_levels(case.twin, 1.5)["head"]
-    assert beside > problem.noise.levels["head"] and 0.96 * level < problem.noise.levels["head"] < 1.08 * level
+    assert beside > problem.noise.levels["lvdt"] and 0.96 / 1.5 < problem.noise.levels["lvdt"] < 1.08 / 1.5
 
 
 def test_errors_of_what_is_fitted_are_as_stated_beside_quieter_noise():
