@@ -128,7 +128,7 @@ class NoiseLearning:
         uncertain = self._problem.own_nuisance(causes)
         rest, _ = own_rest(self._problem, raw, uncertain)
         for channel, own in uncertain.acting.items():
-            count = np.count_nonzero(self._problem.expected(channel))
+            count = int(np.count_nonzero(self._problem.expected(channel)))
             rest[channel] *= np.sqrt(count / max(count - len(own), 1))
         return rest
 
@@ -257,7 +257,7 @@ def _as_stated_or_quieter(level: float, tracks: Sequence[Track]) -> float:
     means = np.mean([[float(np.mean(part)) for part in np.array_split(own, PARTS)] for own in most], axis=0)
     # Where parts differ by more than chance it is that of the louder ones: no level holds for all of them.
     chance = 2 * float(np.mean(means)) ** 2 * PARTS / sum(map(len, most))
-    mean = float(np.mean(means)) + 2 * float(np.sqrt(max(np.var(means, ddof=1) - chance, 0.0)))
+    mean = float(np.mean(means)) + 2 * float(np.sqrt(max(float(np.var(means, ddof=1)) - chance, 0.0)))
     if mean * level**2 >= 1.0 or mean == 0.0:
         return 1.0
     lower = float(np.log(level) + 0.5 * np.log(mean))
