@@ -108,11 +108,11 @@ class Casting:
         if self.kind == "mimic":
             mimic, resemblance = draw_mimic(names, draw, make, response(MIMICKED))
             return DrawnFaults((sized(mimic, draw, self.snr, fine),), resemblance=resemblance)
-        faults = tuple(sized(make(name), draw, self.snr, fine) for name in names)
+        faults = tuple(fine.made_real(sized(make(name), draw, self.snr, fine)) for name in names)
         if self.loudness is not None:
             quiet = fine.size(faults[1:])
             low, high = (min(times * quiet, LOUDEST[names[0]]) for times in self.loudness)
-            faults = (sized(faults[0], draw, (low, high), fine), *faults[1:])
+            faults = (fine.made_real(sized(faults[0], draw, (low, high), fine)), *faults[1:])
         if self.kind != "variant":
             return DrawnFaults(faults)
         varied = _varied(faults[0], draw, response)

@@ -11,6 +11,8 @@ import numpy as np
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.cases.departures.departure import AnyFault, acting
+from rotary_error_monitor.cases.faults.instruments import HeadMissedCounts
+from rotary_error_monitor.cases.faults.named import Named
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.topics import samples_topic, topic_named
 from rotary_error_monitor.plant.machine import MachineFault, MachinePlant, Poses
@@ -30,6 +32,10 @@ class Response(ABC):
 
         The root of the summed squares is that of all samples, also where only some are looked at.
         """
+
+    def made_real(self, fault: Named) -> Named:
+        """The fault nearest to one that the stage or machine can have: as a rule itself."""
+        return fault
 
     def moved(self, faults: Sequence[AnyFault]) -> Array:
         """(m,) all channels, one after another."""
@@ -71,6 +77,10 @@ class StageResponse(Response):
             for name, column in zip(fields_of(stream, self.plain.stage.sensors), moved.T, strict=True):
                 found[f"{samples_topic(stream)}.{name}"] = column
         return found
+
+    def made_real(self, fault: Named) -> Named:
+        """Counts are lost whole."""
+        return fault.in_counts(self.plain.stage.ring.resolution) if isinstance(fault, HeadMissedCounts) else fault
 
     @cached_property
     def _bases(self) -> dict[str, tuple[Array, Array]]:

@@ -176,8 +176,11 @@ class Effect(Generic[Description]):
         """(size,) usual size of each value."""
         return np.concatenate([np.full(p.size, p.scale) for p in self.parameters]) if self.parameters else np.zeros(0)
 
-    def bounds(self) -> tuple[Values, Values]:
-        """Least and largest (size,) of each value."""
+    def bounds(self, near: Values | None = None) -> tuple[Values, Values]:
+        """Least and largest (size,) of each value.
+
+        Where values between these are none that the effect can have, those of the range of values that `near` is in.
+        """
         low, high = np.zeros(self.size), np.zeros(self.size)
         for parameter, place in zip(self.parameters, self.slices().values(), strict=True):
             low[place], high[place] = parameter.range
@@ -194,13 +197,18 @@ class Effect(Generic[Description]):
 
     def held(self, values: Values) -> Values:
         """The values, those beyond their bounds put at them."""
-        return np.asarray(np.clip(values, *self.bounds()), np.float64)
+        return np.asarray(np.clip(values, *self.bounds(values)), np.float64)
 
     def inward(self, values: Values, index: int, step: float) -> float:
-        """The step of one value, taken the other way where it would leave the bounds."""
-        low, high = (float(bound[index]) for bound in self.bounds())
+        """The step of one value, the other way where it would leave the bounds, larger where it would end between."""
+        low, high = (float(bound[index]) for bound in self.bounds(values))
         forward, back = float(values[index]) + step, float(values[index]) - step
-        return -step if not low <= forward <= high and low <= back <= high else step
+        inward = -step if not low <= forward <= high and low <= back <= high else step
+        moved = values.copy()
+        moved[index] += inward
+        reached = float(self.held(moved)[index])
+        # to what is held where it began there is no step
+        return inward if reached in (moved[index], values[index]) else reached - float(values[index])
 
     def at_bounds(self, values: Values) -> dict[str, float]:
         """Fitted parameters of which a value is at a bound, with that value."""

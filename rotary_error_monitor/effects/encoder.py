@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from copy import copy
 from dataclasses import replace
+from typing import Self
 
 import numpy as np
 
@@ -158,7 +160,11 @@ class EncoderLatency(StageEffect):
 
 
 class HeadMissedCounts(HeadEffect):
-    """A head loses counts at one moment and stays off by them."""
+    """A head loses counts at one moment and stays off by them: by one at least, as the stage states its size.
+
+    Attributes:
+        count: size of one count, rad; 0 where it is not known.
+    """
 
     name = "head_missed_counts"
     title = "counts lost by a head"
@@ -166,6 +172,20 @@ class HeadMissedCounts(HeadEffect):
     source = "incremental counting: a lost count stays lost"
     parameters = (Parameter("time", "s", 1.0, role=Role.FIXED, bound=1e9), Parameter("step", "rad", 2e-5, bound=1.0))
     searched = Searched.MOMENT
+    count = 0.0
+
+    def seen_in(self, stage: StageDescription, apart: float) -> Self:
+        """The effect with the size of the stage's counts."""
+        found = copy(self)
+        found.count = min(stage.ring.resolution, self.parameters[1].bound)
+        return found
+
+    def bounds(self, near: Values | None = None) -> tuple[Values, Values]:
+        """From one count on in the sense of a step that is near; no step is none."""
+        low, high = super().bounds()
+        if near is not None and near[1]:
+            (low if near[1] > 0 else high)[1] = math.copysign(self.count, near[1])
+        return low, high
 
     def measured(self, values: Values, location: str, state: RotorState, ideal: Array) -> Array:
         """Add the step from its moment on."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import ClassVar, TypeVar
+from typing import ClassVar, Self, TypeVar
 
 import numpy as np
 
@@ -197,6 +197,15 @@ class StageEffect(Effect[StageDescription]):
     listed_unit: ClassVar[str] = ""
     warms: ClassVar[bool] = False
     searchable: ClassVar[Mapping[Searched, str]] = {Searched.MOMENT: "time", Searched.WAVE: "order"}
+
+    def seen_in(self, stage: StageDescription, apart: float) -> Self:
+        """The effect with the bounds that its values have in a recording of a stage: itself as a rule.
+
+        Args:
+            stage: whose recording it is.
+            apart: least distance of an order from a whole one in which the recording tells it from that one.
+        """
+        return self
 
     def locations(self, machine: StageDescription) -> tuple[str, ...]:
         """Places where the effect may sit: one without a name, and with `warms` each thermometer that is listed."""

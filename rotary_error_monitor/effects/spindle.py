@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,6 +88,10 @@ class BearingAsynchronous(StageEffect):
 
     The value vector holds the cosine and sine parts of the radial motion, in which the prediction is linear; reports
     give its size and phase.
+
+    Attributes:
+        apart: least distance of its order from a whole one. What is nearer is a synchronous motion that departs from
+            its textbook form.
     """
 
     name = "bearing_asynchronous"
@@ -100,6 +105,21 @@ class BearingAsynchronous(StageEffect):
         Parameter("tilt", "rad", 1e-6, bound=1e-2),
     )
     searched = Searched.WAVE
+    apart = 0.0
+
+    def seen_in(self, stage: StageDescription, apart: float) -> Self:
+        """The effect with the distance from whole orders that a recording needs."""
+        found = copy(self)
+        found.apart = apart if apart < 0.5 else 0.0  # where no order is far enough none is told from any other
+        return found
+
+    def bounds(self, near: Values | None = None) -> tuple[Values, Values]:
+        """Between the whole orders beside one that is near."""
+        low, high = super().bounds()
+        if near is not None:
+            below = math.floor(near[0])
+            low[0], high[0] = max(low[0], below + self.apart), min(high[0], below + 1 - self.apart)
+        return low, high
 
     def radial(self, values: Values, state: RotorState) -> Array:
         """`radial * (cos(order theta + phase), sin(order theta + phase))`."""

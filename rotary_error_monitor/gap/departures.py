@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.gap.problem import Columns, LateRows, Rows, SparseRows
+from rotary_error_monitor.units import HOUR
 
 SHARE = 0.1
 """Standard deviation of each departure, as a part of the cause's own size (root mean square).
@@ -37,6 +38,9 @@ Beyond, another cause in its place is likelier by more than 20 to one, however s
 
 _UNSEEN = 1e-6
 """A modulation that varies less than this over a recording (its standard deviation) is none."""
+
+_DURATIONS = ((HOUR, "h"), (60.0, "min"), (1.0, "s"))
+"""Units of durations, s: each is told in the largest of which it has ten."""
 
 Words = Callable[[float], str]
 
@@ -233,6 +237,10 @@ class Normaliser:
         spread = self._found[name][1]
         return spread if spread > _UNSEEN else 0.0
 
+    def span(self, name: str) -> float:
+        """From the least to the largest value of the quantity, in its own unit."""
+        return float(np.ptp(self.looks[name]))
+
     def __call__(self, name: str, values: Array) -> Array:
         """The values, centred and scaled."""
         spread = self.unit(name)
@@ -290,6 +298,39 @@ class LeavingOut(Protocol):
 def grows(change: float) -> str:
     """Whether a relative change is one to more or to less."""
     return "grows" if change > 0 else "shrinks"
+
+
+def by_rate(change: float, span: float, per: str, size: float = 1.0) -> str:
+    """Words for a relative change for each unit of a quantity; over all that it spans where that is less than one.
+
+    Args:
+        change: for each SI unit.
+        span: of the quantity in the recording, in that unit.
+        per: unit in which it is told, such as `K` or `100 N`.
+        size: how many SI units that is.
+    """
+    if span >= size:
+        return f"by {percent(change * size)}{'/K' if per == 'K' else f' per {per}'}"
+    number, _, unit = per.rpartition(" ")
+    return f"by {percent(change * span)} over the {span / size * float(number or 1):.2g} {unit} of the recording"
+
+
+def over_time(change: float, duration: float) -> str:
+    """Words for a change over a whole recording, relative to the mean: by a part of what is largest at either end.
+
+    Args:
+        change: from the beginning to the end.
+        duration: of the recording, s.
+    """
+    told = next(
+        (f"{duration / size:.3g} {unit}" for size, unit in _DURATIONS if duration >= 10 * size), f"{duration:.2g} s"
+    )
+    if abs(change) > 2.0:
+        return f"changes its sign over the {told}"
+    part = percent(change / (1 + abs(change) / 2))
+    if change > 0:
+        return f"grows with time by {part} of its final size over the {told}"
+    return f"shrinks with time by {part} over the {told}"
 
 
 def with_its_size(change: float) -> str:

@@ -209,7 +209,7 @@ def _predictable(
             return after, problem.residual(after)
         except UnpredictableError:
             halves = (0.5 * (old.values + new.values) for old, new in zip(before, after, strict=True))
-            after = tuple(cause.with_values(values) for cause, values in zip(after, halves, strict=True))
+            after = tuple(cause.with_values(cause.effect.held(v)) for cause, v in zip(after, halves, strict=True))
     return before, problem.residual(before)
 
 
@@ -217,7 +217,7 @@ def change_bounds(causes: Sequence[Cause], nuisances: int, departures: int) -> t
     """Least and largest change (nuisances + k + departures,) of each column; causes' free values alone have bounds."""
     low, high = [np.full(nuisances, -np.inf)], [np.full(nuisances, np.inf)]
     for cause in causes:
-        free, (least, largest) = _free(cause), cause.effect.bounds()
+        free, (least, largest) = _free(cause), cause.effect.bounds(cause.values)
         low.append(np.minimum(least[free] - cause.values[free], 0.0))
         high.append(np.maximum(largest[free] - cause.values[free], 0.0))
     free_of_bounds = np.full(departures, np.inf)

@@ -205,8 +205,13 @@ class StageNoise:
 
     @property
     def command_floor(self) -> float:
-        """One-sided density of the readings' noise in the mean of all heads, rad^2/Hz."""
-        return 2 * self.grid.period * self.std[HEAD] ** 2 / len(self.grid.heads)
+        """One-sided density of the readings' noise in the mean of all heads, rad^2/Hz.
+
+        Heads may be quieter than stated against one another and no quieter in their mean: the jitter, which nobody
+        knows exactly, leaves errors of rounding that all of them share.
+        """
+        std = self.std[HEAD] * max(1.0, 1 / self.levels[HEAD])
+        return 2 * self.grid.period * std**2 / len(self.grid.heads)
 
     @property
     def channels(self) -> tuple[str, ...]:

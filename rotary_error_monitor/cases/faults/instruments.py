@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
+from typing import Self
 
 import numpy as np
 
@@ -104,6 +106,10 @@ class HeadMissedCounts(StageFault):
 
     time: float
     step: float
+
+    def in_counts(self, count: float) -> Self:
+        """The same with a whole number of counts, rad each, lost or gained: one at least."""
+        return replace(self, step=math.copysign(max(round(abs(self.step) / count), 1) * count, self.step))
 
     def read(self, angle: Reals, stream: str, scene: Scene) -> Reals:
         """Step in the reading."""

@@ -12,7 +12,7 @@ from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.machine import Axis
 from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.effects.machine_effect import LINEAR
-from rotary_error_monitor.gap.departures import Departures, grows, percent
+from rotary_error_monitor.gap.departures import Departures, by_rate, grows
 from rotary_error_monitor.gap.pose_modulations import Quantity, departures_at_poses, waves_around, with_direction
 
 if TYPE_CHECKING:
@@ -27,8 +27,9 @@ def machine_departures(problem: MachineProblem, place: int, causes: Sequence[Cau
     cause, recording, axes = causes[place], problem.recording, problem.machine.axes
     rows = problem.signature(cause, cause.effect.indices(Role.LINEAR), causes)
     units = dict.fromkeys(problem.channels, problem.probe_std)
+    span = float(np.ptp(recording.temperature))
     always = {
-        "temperature": Quantity("temperature", recording.temperature, _with_temperature),
+        "temperature": Quantity("temperature", recording.temperature, partial(_with_temperature, span)),
         "time": Quantity("time", problem.index, lambda change, unit: f"{grows(change)} with time"),
     }
     own = [axis for axis in axes if axis.letter == cause.location[-1:] and len(cause.location) != 2]
@@ -56,8 +57,8 @@ def _shapes(axis: Axis, position: Array) -> list[Array]:
     return waves_around(position)
 
 
-def _with_temperature(change: float, unit: float) -> str:
-    return f"{grows(change)} with temperature by {percent(change / unit)}/K"
+def _with_temperature(span: float, change: float, unit: float) -> str:
+    return f"{grows(change)} with temperature {by_rate(change / unit, span, 'K')}"
 
 
 def _with_place(axis: Axis, change: float, unit: float) -> str:

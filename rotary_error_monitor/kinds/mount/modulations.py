@@ -9,11 +9,10 @@ import numpy as np
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import Cause
-from rotary_error_monitor.gap.departures import Departures, grows, percent
+from rotary_error_monitor.gap.departures import Departures, over_time, percent
 from rotary_error_monitor.gap.pose_modulations import Quantity, departures_at_poses, waves_around, with_direction
 from rotary_error_monitor.gap.problem import Rows
 from rotary_error_monitor.kinds.mount.twin import MountTwin
-from rotary_error_monitor.units import HOUR
 
 
 def mount_departures(twin: MountTwin, place: int, cause: Cause, rows: Rows, units: Mapping[str, float]) -> Departures:
@@ -24,7 +23,7 @@ def mount_departures(twin: MountTwin, place: int, cause: Cause, rows: Rows, unit
 def _quantities(twin: MountTwin, cause: Cause) -> dict[str, Quantity]:
     recording, letters = twin.recording, twin.machine.letters
     quantities = {
-        "time": Quantity("time", recording.time, _with_time),
+        "time": Quantity("time", recording.time, partial(_with_time, float(np.ptp(recording.time)))),
         "side": Quantity("side of the pier", twin.side, _with_side),
     }
     own = [letter for letter in letters if letter == cause.location]
@@ -52,8 +51,8 @@ def _places(twin: MountTwin) -> dict[str, Array]:
     }
 
 
-def _with_time(change: float, unit: float) -> str:
-    return f"{grows(change)} with time by {percent(HOUR * change / unit)}/h"
+def _with_time(duration: float, change: float, unit: float) -> str:
+    return over_time(change / unit * duration, duration)
 
 
 def _with_side(change: float, unit: float) -> str:

@@ -263,13 +263,16 @@ def fit_spectrum(frequency: Array, power: Array, floor: float) -> Jitter:
     """Jitter whose spectrum, above a white floor, fits a periodogram (one-sided, rad^2/Hz) best within `_BOUNDS`.
 
     The logarithm of a periodogram scatters about that of the density by the same law at all frequencies and sizes; its
-    median is used (an absolute deviation), so that the lines of a cyclic effect do not count as jitter.
+    median is used (an absolute deviation), so that the lines of a cyclic effect do not count as jitter. Frequencies
+    above those of any jitter take no part: many of them, where the floor is a little off, would outweigh the jitter.
     """
-    levels = np.log(power[1:]) - np.log(np.log(2.0))
+    frequency, power = frequency[1:], power[1:]
+    reached = frequency <= _BOUNDS[1][1]
+    frequency, levels = frequency[reached], np.log(power[reached]) - np.log(np.log(2.0))
 
     def misfit(values: Array) -> float:
         std, bandwidth, shape = np.exp(values)
-        return float(np.mean(np.abs(levels - np.log(Jitter(std, bandwidth, shape).density(frequency[1:]) + floor))))
+        return float(np.mean(np.abs(levels - np.log(Jitter(std, bandwidth, shape).density(frequency) + floor))))
 
     # A spectrum that falls otherwise (a power law, a low pass) has its best fit at a bound: they hold in the search.
     bounds = Bounds(*np.log(_BOUNDS).T)

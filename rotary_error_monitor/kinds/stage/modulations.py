@@ -15,8 +15,10 @@ from rotary_error_monitor.gap.departures import (
     SHARE,
     Modulation,
     Normaliser,
+    by_rate,
     grows,
     modulations_by_size,
+    over_time,
     percent,
     slow_courses,
 )
@@ -62,18 +64,7 @@ class StageModulations:
         """
         peak = 1 / SHARE if jumps else 1.0
         norm, unit, found = self._norm, self._norm.unit, self._quantities(state)
-        words = {
-            "temperature": lambda c: f"{grows(c)} with temperature by {percent(c / unit('temperature'))}/K",
-            "time": lambda c: f"{grows(c)} with time by {percent(60 * c / unit('time'))}/min",
-            "direction": lambda c: (
-                f"smaller in the {'negative' if c > 0 else 'positive'} direction by "
-                f"{percent(2 * c / unit('direction'))}"
-            ),
-            "speed": lambda c: f"{grows(c)} with speed by {percent(c / unit('speed'))} per rad/s",
-            "square of speed": lambda c: f"{grows(c)} with the square of speed",
-            "velocity": lambda c: f"{grows(c)} with velocity by {percent(c / unit('velocity'))} per rad/s",
-            "load": lambda c: f"{grows(c)} with the force on the shaft by {percent(100 * c / unit('load'))} per 100 N",
-        }
+        words = self._words()
         rows = [
             Modulation(name.replace("square of ", "").replace("velocity", "speed"), norm(name, found[name]), say, True)
             for name, say in words.items()
@@ -90,6 +81,26 @@ class StageModulations:
                 rows.append(Modulation(f"place {order}", np.sqrt(2) * wave, _around, True))
         course = np.clip(state.time / self._duration, 0, 1)
         return [*rows, *(slow_courses(course) if slow else ())]
+
+    def _words(self) -> dict[str, Callable[[float], str]]:
+        """What a relative change of a cause by one standard deviation of each quantity is, in words."""
+        unit, span, duration = self._norm.unit, self._norm.span, self._duration
+
+        def rate(name: str, change: float, per: str, size: float = 1.0) -> str:
+            return by_rate(change / unit(name), span(name), per, size)
+
+        return {
+            "temperature": lambda c: f"{grows(c)} with temperature {rate('temperature', c, 'K')}",
+            "time": lambda c: over_time(c / unit("time") * duration, duration),
+            "direction": lambda c: (
+                f"smaller in the {'negative' if c > 0 else 'positive'} direction by "
+                f"{percent(2 * c / unit('direction'))}"
+            ),
+            "speed": lambda c: f"{grows(c)} with speed {rate('speed', c, 'rad/s')}",
+            "square of speed": lambda c: f"{grows(c)} with the square of speed",
+            "velocity": lambda c: f"{grows(c)} with velocity {rate('velocity', c, 'rad/s')}",
+            "load": lambda c: f"{grows(c)} with the force on the shaft {rate('load', c, '100 N', 100.0)}",
+        }
 
     def may_wander(self, cause: Cause) -> bool:
         """Whether a cause may depart in any slow course.

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from hashlib import sha256
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.special import expit
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.rotor import HEAD
 from rotary_error_monitor.gap.known_effects import KnownEffects
+from rotary_error_monitor.gap.normal import own_rest
 from rotary_error_monitor.gap.p_values import NORMAL_QUARTILE
 from rotary_error_monitor.gap.problem import Columns, LateRows, Rows, SparseRows
 from rotary_error_monitor.gap.slow_noise import Rivals, cosines, in_all, learn_slow_noise
@@ -54,6 +56,19 @@ MOMENTS = 40
 NOISIER = 0.05
 """Noise is reported from this much above what the twin states."""
 
+QUIETER = 0.35
+"""Standard deviation of the logarithm of noise that is quieter than stated, over that: in 19 of 20 it is no less than
+half of it, as data sheets state the noise at most."""
+
+SAME_LEVEL = 0.02
+"""Part by which levels of noise may differ and be the same: limits of what is found change as much."""
+
+LEAST_SUMS = 200
+"""Sums of neighbouring rows from which their squares tell a level: to 5 %."""
+
+PARTS = 50
+"""Parts of a recording between which squares scatter: each of more rows than rounding errors repeat in, as a rule."""
+
 
 class NoiseLearning:
     """Learns the noise of a stage's sensors, and has what was made white with another noise made again.
@@ -86,28 +101,36 @@ class NoiseLearning:
             noise.with_jitter(*self.estimate_jitter(raw))
 
     def learn_levels(self, causes: Sequence[Cause]) -> bool:
-        """Noise larger than the stage states: told from neighbouring rows, which differ by little else."""
+        """Noise other than the stage states: louder as neighbouring rows show it, which differ by little else.
+
+        Quieter it is as all that is left shows it. That holds what is slow in the noise, such as errors of rounding
+        that repeat, and what is wrong with the twin, so no fault is larger beside it than beside what is stated.
+        """
         noise = self._problem.noise
-        apart: dict[str, list[Array]] = {}
-        for track in self._problem.tracks(self._problem.residual(causes)):
-            if track.channel != COMMAND:
-                apart.setdefault(instrument_of(track.channel), []).append(np.abs(_differences(track)))
-        found = {}
-        for name, parts in apart.items():
-            count = sum(len(part) for part in parts)
-            level = float(np.median(np.concatenate(parts))) / (np.sqrt(2) * NORMAL_QUARTILE)
-            level *= noise.levels[name]
-            level = level if level > 1 + max(NOISIER, 5 / np.sqrt(count)) else 1.0
-            if abs(level / noise.levels[name] - 1) > 0.5 * NOISIER:
-                found[name] = level
-        if not found:
+        raw = self._problem.residual(causes)
+        tracks = _by_instrument(self._problem.tracks(raw))
+        found = {name: _as_stated_or_louder(noise.levels[name], own) for name, own in tracks.items()}
+        if min(found.values(), default=np.inf) <= 1.0:
+            for name, own in _by_instrument(self._problem.tracks(self._left(raw, causes))).items():
+                found[name] = found[name] if found[name] > 1.0 else _as_stated_or_quieter(noise.levels[name], own)
+        changed = {name: level for name, level in found.items() if abs(level / noise.levels[name] - 1) > SAME_LEVEL}
+        if not changed:
             return False
-        louder = {name: level / noise.levels[name] for name, level in found.items()}
-        noise.with_levels(found)
+        ratios = {name: level / noise.levels[name] for name, level in changed.items()}
+        noise.with_levels(changed)
         self._expected.clear()
         self._nuisances.forget()
-        self._signatures.follow_levels(noise, louder)
+        self._signatures.follow_levels(noise, ratios)
         return True
+
+    def _left(self, raw: Rows, causes: Sequence[Cause]) -> Rows:
+        """What uncertain parameters, of each channel on its own, leave of white rows; of the variance of noise."""
+        uncertain = self._problem.own_nuisance(causes)
+        rest, _ = own_rest(self._problem, raw, uncertain)
+        for channel, own in uncertain.acting.items():
+            count = int(np.count_nonzero(self._problem.expected(channel)))
+            rest[channel] *= np.sqrt(count / max(count - len(own), 1))
+        return rest
 
     def learn_jitter(self, causes: Sequence[Cause]) -> bool:
         """Spectrum of the jitter, beside other causes than before: what was learnt beside fewer may have been one."""
@@ -195,6 +218,67 @@ class NoiseLearning:
         motion = self._search.motion_basis(time)[:, 1:]
         outer = np.column_stack([inputs.warming(time), inputs.force(time)])
         return np.asarray(np.concatenate([motion, outer - outer.mean(axis=0)], axis=1), np.float64)
+
+
+def _by_instrument(tracks: Iterable[Track]) -> dict[str, list[Track]]:
+    """Those of each instrument; what the heads share is none of theirs alone."""
+    found: dict[str, list[Track]] = {}
+    for track in tracks:
+        if track.channel != COMMAND:
+            found.setdefault(instrument_of(track.channel), []).append(track)
+    return found
+
+
+def _as_stated_or_louder(level: float, tracks: Sequence[Track]) -> float:
+    """How many times the stated noise an instrument has by differences of neighbouring rows, where that is more.
+
+    The median is free of what single rows show; of readings in coarse steps it is one of few values, and their root
+    mean square is the less wrong one.
+
+    Args:
+        level: how many times the stated noise the rows are white with.
+        tracks: of all channels of the instrument.
+    """
+    apart = np.concatenate([_differences(track) for track in tracks])
+    median = float(np.median(np.abs(apart))) / (np.sqrt(2) * NORMAL_QUARTILE)
+    found = level * min(median, float(np.sqrt(0.5 * np.mean(np.square(apart)))))
+    return found if found > 1 + max(NOISIER, 5 / np.sqrt(len(apart))) else 1.0
+
+
+def _as_stated_or_quieter(level: float, tracks: Sequence[Track]) -> float:
+    """How many times the stated noise an instrument has at most by what is left, where that is less.
+
+    It is as stated or quieter, each as likely beforehand, the logarithm of a quieter one half-normal (`QUIETER`). Sums
+    of neighbouring rows count where they are surely louder than single ones: errors of rounding are not independent,
+    and a fault is told from such sums. The scatter of the estimate is that from part to part.
+    """
+    near = [0.5 * np.square(_differences(track)) for track in tracks]
+    most = max([near, *_summed_squares([track.rows for track in tracks])], key=_surely)
+    means = np.mean([[float(np.mean(part)) for part in np.array_split(own, PARTS)] for own in most], axis=0)
+    # Where parts differ by more than chance it is that of the louder ones: no level holds for all of them.
+    chance = 2 * float(np.mean(means)) ** 2 * PARTS / sum(map(len, most))
+    mean = float(np.mean(means)) + 2 * float(np.sqrt(max(float(np.var(means, ddof=1)) - chance, 0.0)))
+    if mean * level**2 >= 1.0 or mean == 0.0:
+        return 1.0
+    lower = float(np.log(level) + 0.5 * np.log(mean))
+    variance = float(np.var(means, ddof=1)) / PARTS / (2 * mean) ** 2
+    both = QUIETER**2 + variance
+    log_odds = np.log(2.0) + 0.5 * (np.log(variance / both) + lower**2 * (1 / variance - 1 / both))
+    return float(np.exp(expit(log_odds) * lower * QUIETER**2 / both))
+
+
+def _summed_squares(channels: Sequence[Array]) -> Iterator[list[Array]]:
+    """Squares of rows (m,) of each channel, then of sums of two neighbours, four, …, of the variance of one."""
+    yield [np.square(rows) for rows in channels]
+    while min(map(len, channels)) >= 2 * LEAST_SUMS:
+        channels = [(rows[1::2] + rows[: len(rows) // 2 * 2 : 2]) / np.sqrt(2) for rows in channels]
+        yield [np.square(rows) for rows in channels]
+
+
+def _surely(parts: Sequence[Array]) -> float:
+    """Mean of squares less three times its scatter, were they of independent normal numbers."""
+    squares = np.concatenate(parts)
+    return float(np.mean(squares)) * (1 - 3 * float(np.sqrt(2 / len(squares))))
 
 
 def _differences(track: Track) -> Array:

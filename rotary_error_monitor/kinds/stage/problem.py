@@ -13,7 +13,7 @@ from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.effect import Cause, Role, Searched, among, values_of
-from rotary_error_monitor.effects.rotor import HEAD, StageEffect, effects_of
+from rotary_error_monitor.effects.rotor import HEAD, StageEffect
 from rotary_error_monitor.gap.departures import SHARE, Departures, amplitude_sizes, modulated, spread_out
 from rotary_error_monitor.gap.problem import Candidate, Columns, Conditions, Finding, Rows, Share, SparseRows
 from rotary_error_monitor.gap.structure import Track
@@ -40,7 +40,7 @@ from rotary_error_monitor.kinds.stage.play import Play, stays
 from rotary_error_monitor.kinds.stage.predictions import KEPT, KeptPredictions
 from rotary_error_monitor.kinds.stage.rounding import Rounding, steps_of
 from rotary_error_monitor.kinds.stage.row_weights import row_weights
-from rotary_error_monitor.kinds.stage.search import StageSearch
+from rotary_error_monitor.kinds.stage.search import StageSearch, effects_in
 from rotary_error_monitor.kinds.stage.signatures import KeptSignatures
 from rotary_error_monitor.kinds.stage.tracks import Tracks
 from rotary_error_monitor.kinds.stage.warming import ForceNoise, OtherTwin, uncertain_forces, uncertain_warmings
@@ -113,7 +113,7 @@ class StageProblem:
     ) -> None:
         self.stage = stage
         self.recording = recording
-        self.effects = effects_of(stage, effects)
+        self.effects = effects_in(stage, recording, effects)
         self.twin: StageTwin = twin_of(stage, recording, tuple(known), None if whole is None else whole.inputs)
         whole = whole or OfWhole.of(stage, recording, self.twin)
         self._predictions = KeptPredictions(self.twin, KEPT if self.keeps_signatures else 1)

@@ -15,12 +15,16 @@ from scipy.optimize import minimize_scalar
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.harmonics import AngularHarmonic, PlanarHarmonic
+from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.effect import AnyEffect, Searched, order_location
-from rotary_error_monitor.effects.rotor import is_among
+from rotary_error_monitor.effects.rotor import StageEffect, effects_of, is_among
+from rotary_error_monitor.gap.departures import SHARE
+from rotary_error_monitor.gap.options import FALSE_ALARMS
 from rotary_error_monitor.gap.orders import order_spectrum
 from rotary_error_monitor.gap.problem import Candidate, Rows
 from rotary_error_monitor.metrology.periodic_curves import doubted_orders
-from rotary_error_monitor.sensors.library import instrument_of, is_listed, kind_of
+from rotary_error_monitor.sensors.library import COMMAND, instrument_of, is_listed, kind_of
+from rotary_error_monitor.twin.recording import StageRecording
 
 if TYPE_CHECKING:
     from rotary_error_monitor.kinds.stage.problem import StageProblem
@@ -36,6 +40,19 @@ LOWEST_ORDERS = (1, 2)
 
 WHOLE = 0.02
 """Orders closer to a whole number than this are left to the families of whole orders."""
+
+
+def effects_in(
+    stage: StageDescription, recording: StageRecording, effects: Sequence[StageEffect]
+) -> tuple[StageEffect, ...]:
+    """The effects that a stage can show, with the bounds that their values have in a recording.
+
+    A wave of nearly a whole order drifts from that one's phase, evenly over the rotation. Where that is no more than
+    a departure of a synchronous motion may be, `SHARE` root mean square, it is one.
+    """
+    rotation = float(np.ptp(recording.streams[COMMAND].values[:, 0]))
+    apart = SHARE * float(np.sqrt(12)) / max(rotation, np.finfo(np.float64).tiny)
+    return tuple(effect.seen_in(stage, apart) for effect in effects_of(stage, effects))
 
 
 class StageSearch:
@@ -132,10 +149,11 @@ class StageSearch:
     def _waves(self, effect: AnyEffect, rest: Rows) -> list[Candidate]:
         angle = {channel: self._angle(channel) for channel in rest if channel != "command"}
         rows = {channel: rest[channel][:, 0] for channel in angle}
-        order, trials = find_wave(angle, rows)
+        order, independent = find_wave(angle, rows)
         start = effect.start("")
         start[effect.slices()["order"]] = order
-        return [Candidate(effect, "", start, -float(np.log(trials)))]
+        alarming = 0.5 * FALSE_ALARMS / (independent * len(self._problem.effects))
+        return [Candidate(effect, "", start, -float(np.log(trials_of_waves(independent, alarming))))]
 
 
 def find_step(time: Array, rows: Array) -> float:
@@ -151,6 +169,20 @@ def find_step(time: Array, rows: Array) -> float:
     inner = slice(max(1, count // 200), count - max(1, count // 200))
     index = int(np.argmax(gain[inner])) + inner.start
     return float(0.5 * (time[index - 1] + time[index]))
+
+
+def trials_of_waves(independent: int, level: float) -> float:
+    """How many independent waves have one above a level as often as the best of all between as many has.
+
+    An order between two independent ones may explain more than both: `sqrt(pi z / 3)` times as many chances where the
+    one wave explains `2 z` squares by chance at that level (Davies, Biometrika 74, 1987; Baluev, MNRAS 385, 2008,
+    Equation 6, for samples spread evenly).
+
+    Args:
+        independent: waves that are orthogonal over the rotation.
+        level: chance of one of them.
+    """
+    return independent * float(np.sqrt(max(-np.log(level) * np.pi / 3, 1.0)))
 
 
 def find_wave(angle: dict[str, Array], rows: dict[str, Array], highest: float = 24.0) -> tuple[float, int]:

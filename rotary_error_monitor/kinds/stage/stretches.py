@@ -15,13 +15,13 @@ import numpy as np
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.effect import Cause
-from rotary_error_monitor.effects.rotor import HEAD, StageEffect, effects_of
+from rotary_error_monitor.effects.rotor import HEAD, StageEffect
 from rotary_error_monitor.gap.departures import Departures
 from rotary_error_monitor.gap.problem import Columns, Conditions, LateRows, Rows, SparseRows, StretchedConditions
 from rotary_error_monitor.kinds.stage.conditions import MOST_BLOCKS
 from rotary_error_monitor.kinds.stage.forces import with_shaft_force
 from rotary_error_monitor.kinds.stage.problem import OfWhole, StageProblem
-from rotary_error_monitor.kinds.stage.search import StageSearch
+from rotary_error_monitor.kinds.stage.search import StageSearch, effects_in
 from rotary_error_monitor.kinds.stage.stuck import without_stuck
 from rotary_error_monitor.kinds.stage.thermometers import with_useful_inputs
 from rotary_error_monitor.kinds.stage.tracks import Tracks
@@ -60,7 +60,7 @@ class LongStageProblem(StageProblem):
         effects: Sequence[StageEffect],
         known: Sequence[Cause] = (),
     ) -> None:
-        self.stage, self.recording, self.effects = stage, recording, effects_of(stage, effects)
+        self.stage, self.recording, self.effects = stage, recording, effects_in(stage, recording, effects)
         self.twin = replace(twin_of(stage, recording, tuple(known)), keeps_states=False)
         self._measured = {name: recording.streams[name].values for name in self.twin.times}
         self._search, self._tracks = StageSearch(self), Tracks(self)

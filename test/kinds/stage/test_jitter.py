@@ -116,3 +116,16 @@ def test_whatever_the_spectrum_no_other_jitter_fits_it_clearly_better(law):
             for shape in np.linspace(0.5, 4, 6)
         )
         assert found < min(map(misfit, grid)) + 0.01, seed
+
+
+@pytest.mark.parametrize("off", [0.5, 1.0, 1.25])
+@pytest.mark.parametrize("bandwidth", [3.0, 9.0])
+def test_a_floor_that_is_a_little_off_outweighs_no_jitter(off, bandwidth):
+    """At 1 kHz most frequencies hold readings' noise alone; a periodogram of the mean of many stretches."""
+    true, frequency, floor = Jitter(2e-6, bandwidth, 1.5), 0.5 * np.arange(1, 1000), 2e-3 * NOISE**2
+    below = frequency < bandwidth
+    for seed in range(4):
+        scatter = np.random.default_rng(seed).gamma(20, 1 / 20, len(frequency))
+        found = fit_spectrum(frequency, (true.density(frequency) + floor) * scatter * np.log(2.0), off * floor)
+        ratio = found.density(frequency[below]) / true.density(frequency[below])
+        assert np.mean(np.log(ratio)) == pytest.approx(0, abs=0.6)
