@@ -53,7 +53,7 @@ def add(steps: Subparsers[argparse.ArgumentParser]) -> None:
     _add_mirror(parser)
     _add_direct(parser)
     add_figure(parser)
-    parser.add_argument("--runs-figure", type=Path, metavar="PNG", help="draw the runs and how they repeat")
+    add_figure(parser, "draw the runs and how they repeat", "--runs-figure")
     parser.add_argument(
         "--covariance", type=Path, metavar="OUT.csv", help="write the curve's covariance, for `calibrate flatness`"
     )
