@@ -92,13 +92,16 @@ def _add_positioning(steps: Subparsers[argparse.ArgumentParser]) -> None:
 
 
 def _add_squareness(steps: Subparsers[argparse.ArgumentParser]) -> None:
-    text = "laser tracker along and round axes and spindle: feature,distance_mm,elevation_deg,azimuth_deg"
+    text = (
+        "laser tracker along and round axes and spindle: feature,distance_mm,elevation_deg,azimuth_deg, or "
+        "feature,x_mm,y_mm,z_mm in the tracker's frame"
+    )
     parser = step(steps, "squareness", _squareness, text)
     parser.add_argument("--distance-um", type=positive, default=0.5, help="standard uncertainty (default 0.5)")
     parser.add_argument("--distance-ppm", type=not_negative, default=0.5, help="and its relative part (default 0.5)")
     parser.add_argument("--angle-arcsec", type=positive, default=0.5, help="of both angles (default 0.5)")
     add_figure(parser, "draw how axes and spindle lie beside each other")
-    add_columns(parser, "feature=Point distance=Dist,m elevation=V,deg azimuth=Hz,deg")
+    add_columns(parser, "feature=Group x=X,mm y=Y,mm z=Z,mm")
 
 
 def _add_machine(steps: Subparsers[argparse.ArgumentParser]) -> None:

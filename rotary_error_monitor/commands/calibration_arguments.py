@@ -54,7 +54,8 @@ def add_columns(parser: argparse.ArgumentParser, example: str) -> None:
         default=[],
         metavar="WHAT=HEADER,UNIT",
         help=f"of a table as an instrument writes it: which column is what, and its unit, such as {example}; lines "
-        "before the headers and other columns are passed over, and semicolons or tabs may separate columns",
+        "before the headers and other columns are passed over, and semicolons or tabs may separate columns; #1, #2, … "
+        "for HEADER are columns by number, of a table without headers",
     )
 
 
