@@ -46,14 +46,16 @@ def add_figure(parser: argparse.ArgumentParser, help_: str = "draw what was foun
     parser.add_argument(name, type=picture, metavar="PNG", help=f"{help_} ({kinds})")
 
 
-def add_columns(parser: argparse.ArgumentParser, example: str) -> None:
-    """Describe `--columns`."""
+def add_columns(
+    parser: argparse._ActionsContainer, example: str, of: str = "of a table", name: str = "--columns"
+) -> None:
+    """Describe `--columns`, or that of another table."""
     parser.add_argument(
-        "--columns",
+        name,
         nargs="+",
         default=[],
         metavar="WHAT=HEADER,UNIT",
-        help=f"of a table as an instrument writes it: which column is what, and its unit, such as {example}; lines "
+        help=f"{of} as an instrument writes it: which column is what, and its unit, such as {example}; lines "
         "before the headers and other columns are passed over, and semicolons or tabs may separate columns; #1, #2, … "
         "for HEADER are columns by number, of a table without headers",
     )

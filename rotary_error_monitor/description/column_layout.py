@@ -174,7 +174,6 @@ class ColumnLayout:
             "separated by commas, semicolons or tabs; give them as the file has them"
         )
 
-
     def _numbers(self, lines: Sequence[str], origin: str) -> tuple[int, str, dict[str, int]]:
         """Number of the line before the first row, what separates columns, and the place of each by its plain name."""
         places = {name: int(header[1:]) - 1 for name, header in self.headers.items()}

@@ -51,7 +51,8 @@ def fit_scans(scans: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]], 
     if np.any(count == 0):
         at = int(np.argmin(count))
         raise InputError(
-            f"no run of a direction has a sample from {breaks[at]:g} m to {breaks[at + 1]:g} m; measure without the gap"
+            f"no run of a direction has a sample from {breaks[at] * 1e3:g} mm to {breaks[at + 1] * 1e3:g} mm; measure "
+            "without the gap"
         )
     knots = np.concatenate([np.full(DEGREE, breaks[0]), breaks, np.full(DEGREE, breaks[-1])])
     spline = csr_array(BSpline.design_matrix(positions, knots, DEGREE))

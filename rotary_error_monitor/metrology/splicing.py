@@ -157,8 +157,8 @@ def _check_meeting(parts: Sequence[PlacedSegment], ordered: Sequence[int]) -> No
         shared = int((part.positions <= end).sum())
         if shared < 3:
             raise InputError(
-                f"segment {number + 1} begins at {start:g} m and the segments before it end at {end:g} m: they share "
-                f"{shared} sample(s), a slope and a height need three at least; let the placements overlap"
+                f"segment {number + 1} begins at {start * 1e3:g} mm and those before it end at {end * 1e3:g} mm: they "
+                f"share {shared} sample(s), a slope and a height need three at least; let the placements overlap"
             )
         end = max(end, float(part.positions[-1]))
 
@@ -178,7 +178,8 @@ def _knots(parts: Sequence[PlacedSegment], spacing: float | None) -> NDArray[np.
     if np.any(count == 0):
         at = int(np.argmin(count))
         raise InputError(
-            f"no sample from {breaks[at]:g} m to {breaks[at + 1]:g} m; measure without the gap or widen the spacing"
+            f"no sample from {breaks[at] * 1e3:g} mm to {breaks[at + 1] * 1e3:g} mm; measure without the gap or widen "
+            "the spacing"
         )
     return np.concatenate([np.full(DEGREE, first), breaks, np.full(DEGREE, last)])
 
@@ -235,8 +236,8 @@ def _solve(
         factor = cholesky_banded(_upper_band(normal))
     except np.linalg.LinAlgError as error:
         raise InputError(
-            f"the readings do not determine the curve between {samples.min():g} and {samples.max():g} m: a part of it "
-            "has none; measure there as well"
+            f"the readings do not determine the curve between {samples.min() * 1e3:g} and {samples.max() * 1e3:g} mm: "
+            "a part of it has none; measure there as well"
         ) from error
     cross = np.asarray(design.T @ rest)
     gain = cho_solve_banded((factor, False), cross)
