@@ -15,6 +15,7 @@ SCALES: Mapping[str, tuple[str, float]] = {
     "mm": ("length", 1e-3),
     "um": ("length", 1e-6),
     "nm": ("length", 1e-9),
+    "in": ("length", 0.0254),
     "rad": ("angle", 1.0),
     "mrad": ("angle", 1e-3),
     "urad": ("angle", 1e-6),
