@@ -76,7 +76,8 @@ def read_tracker(path: Path | str, layout: ColumnLayout | None = None) -> dict[s
     found = {}
     for each in dict.fromkeys(table.words["feature"]):
         rows = features == each
-        found[each] = Feature(*(column[rows] for column in readings), table.path, table.lines[rows])
+        distance, elevation, azimuth = (column[rows] for column in readings)
+        found[each] = Feature(distance, elevation, azimuth, table.path, table.lines[rows])
     return found
 
 
