@@ -131,8 +131,8 @@ def check_circle(name: str, feature: Feature) -> None:
 def _check_one(name: str, feature: Feature, least: int, off: Callable[[Array], float], told: str) -> None:
     """Refuse points that are far from one curve, and near two where they are parted; `least` define one."""
     points = feature.points
-    whole = off(points)
-    if len(points) < 2 * least or whole <= LINEAR_ERROR:
+    whole = off(points) if len(points) >= 2 * least else 0.0
+    if whole <= LINEAR_ERROR:
         return
     parts = range(least, len(points) - least + 1)
     worst = [max(off(points[:k]), off(points[k:])) for k in parts]

@@ -53,20 +53,22 @@ def errors_of(path: Path) -> list[float]:
 
 
 def point_list(folder: Path, how: str) -> tuple[Path, list[str]]:
-    """The example as a point list: with headers in metres, or without by commas or blanks in mm."""
+    """The example as a point list: with headers in metres, or without in mm or inches."""
     path = folder / f"points_{how}.txt"
     if how == "headers":
         rows = [f"{k};{x / 1e3:.12f};{y / 1e3:.12f};{z / 1e3:.12f};{n}" for k, (n, x, y, z) in enumerate(points())]
         path.write_text("\n".join(["Job 7", "No;East;North;Up;Group", *rows]).replace(".", ","), encoding="utf-8")
         return path, ["feature=Group", "x=East,m", "y=North,m", "z=Up,m"]
-    mark = ", " if how == "commas" else "   "
-    cells = [[feature, f"p{k}", *(f"{value:.9f}" for value in place)] for k, (feature, *place) in enumerate(points())]
+    mark, unit, scale = {"commas": (", ", "mm", 1.0), "blanks": ("   ", "mm", 1.0), "inches": ("\t", "in", 25.4)}[how]
+    cells = [
+        [feature, f"p{k}", *(f"{value / scale:.9f}" for value in place)] for k, (feature, *place) in enumerate(points())
+    ]
     rows = [mark.join(["Measured", *row]) for row in cells]
     path.write_text("\n".join(["// points in the frame of the instrument", "", *rows, ""]), encoding="utf-8")
-    return path, ["feature=#2", "x=#4,mm", "y=#5,mm", "z=#6,mm"]
+    return path, ["feature=#2", f"x=#4,{unit}", f"y=#5,{unit}", f"z=#6,{unit}"]
 
 
-@pytest.mark.parametrize("how", ["headers", "commas", "blanks"])
+@pytest.mark.parametrize("how", ["headers", "commas", "blanks", "inches"])
 def test_points_say_what_readings_say(tmp_path: Path, how: str) -> None:
     """Angles of the example are written to 2e-11 rad."""
     assert calibrate(EXAMPLE, tmp_path) == 0
@@ -153,6 +155,18 @@ def test_several_readings_at_a_station_are_one_run(tmp_path: Path, seed: int) ->
         encoding="utf-8",
     )
     assert calibrate(path, tmp_path) == 0
+
+
+@pytest.mark.parametrize("feature", ["X", "C.1", "A.2", "spindle.1", "zero"])
+@pytest.mark.parametrize("count", [1, 2, 3, 4])
+def test_few_points_of_a_feature_are_told_without_a_traceback(tmp_path: Path, feature: str, count: int, capsys) -> None:
+    head, *rows = EXAMPLE.read_text(encoding="utf-8").splitlines()[1:]
+    own = [row for row in rows if row.startswith(f"{feature},")][:count] or [f"zero,5000,-10,{k}" for k in range(count)]
+    source = tmp_path / "tracker.csv"
+    source.write_text("\n".join([head, *own, *(row for row in rows if not row.startswith(f"{feature},"))]))
+    assert calibrate(source, tmp_path) in (0, 2, 10)
+    said = capsys.readouterr().err
+    assert not said or f"tracker.csv: feature {feature.partition('.')[0]}: " in said, said
 
 
 @pytest.mark.parametrize(
