@@ -30,10 +30,10 @@ from rotary_error_monitor.calibration.axis_location import (
 )
 from rotary_error_monitor.calibration.axis_table import AxisRelation, relate_axes
 from rotary_error_monitor.calibration.machine_file import SQUARENESS, location_name
-from rotary_error_monitor.calibration.measurements import read_tracker
 from rotary_error_monitor.calibration.steps import Job
-from rotary_error_monitor.description.column_layout import ColumnLayout
+from rotary_error_monitor.calibration.tracker_features import Feature, check_circle, check_line, read_tracker
 from rotary_error_monitor.description.machine import SHIFT_UNCERTAINTY, MachineDescription
+from rotary_error_monitor.description.quantities import LARGEST_TILT
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.location_names import SPINDLE
 from rotary_error_monitor.metrology.axis_fits import (
@@ -43,7 +43,7 @@ from rotary_error_monitor.metrology.axis_fits import (
     fit_line_in_space,
 )
 from rotary_error_monitor.metrology.axis_fits import estimate_squareness as squareness_between
-from rotary_error_monitor.metrology.tracker import TrackerNoise, estimate_point_covariance, estimate_points
+from rotary_error_monitor.metrology.tracker import TrackerNoise, estimate_point_covariance
 
 FALSE_ALARM = 1e-3
 """Probability that clean readings are found to hold one that stands off."""
@@ -87,7 +87,8 @@ def calibrate_squareness(job: Job, noise: TrackerNoise) -> SquarenessResult:
             or a rotary axis lies far from where the file has it.
     """
     machine = job.file.machine
-    tracks, zero = _tracks(job.source, machine, noise, job.layout)
+    features = read_tracker(job.source, job.layout)
+    tracks, zero = _tracks(features, machine, noise)
     fitted = _axis_lines(job.source, machine, tracks)
     lines = {letter: _as_scattered(line) for letter, line in fitted.items()}
     linear, rotary = _in_order(machine, lines)
@@ -96,6 +97,7 @@ def calibrate_squareness(job: Job, noise: TrackerNoise) -> SquarenessResult:
     seen = SeenAxes(lines, linear, rotary, zero)
     check_tip(job.source, machine, seen)
     found = _square(job, linear, lines)
+    _check_circles(features, rotary)  # after the lines, which tell angles in another unit better
     frame = machine_frame(machine, seen)
     relations = relate_axes(
         machine, {name: turned(line, frame) for name, line in lines.items()}, find_origin(machine, seen)
@@ -117,11 +119,21 @@ def calibrate_squareness(job: Job, noise: TrackerNoise) -> SquarenessResult:
 
 
 def _square(job: Job, linear: Sequence[str], lines: Mapping[str, LineFit]) -> list[tuple[str, str, float, float]]:
-    """Squareness of each linear axis to the two first before it: axis, other, angle and uncertainty, rad."""
+    """Squareness of each linear axis to the two first before it: axis, other, angle and uncertainty, rad.
+
+    Raises:
+        InputError: an angle is larger than a machine file may have.
+    """
     found = []
     for k, letter in enumerate(linear):
         for other in linear[: min(k, 2)]:
             square = squareness_between(lines[letter], lines[other])
+            if abs(square.angle) > LARGEST_TILT:
+                raise InputError(
+                    f"{job.source}: features {letter} and {other} stand {math.degrees(square.angle):+.2f}° from "
+                    f"square; expected {math.degrees(LARGEST_TILT):.2f}° at most: are angles and distances in the "
+                    "units of the header, and do the points belong to these axes?"
+                )
             found.append((letter, other, square.angle, square.uncertainty))
             job.file.set_squareness(letter, other, square.angle)
     return found
@@ -189,20 +201,43 @@ def _stray_points(lines: Mapping[str, LineFit]) -> tuple[str, ...]:
 
 
 def _tracks(
-    source: Path, machine: MachineDescription, noise: TrackerNoise, layout: ColumnLayout | None
+    features: Mapping[str, Feature], machine: MachineDescription, noise: TrackerNoise
 ) -> tuple[dict[str, list[Points]], Points | None]:
-    """Points with covariances by axis, and the tool tip at zero with its covariance if it was measured."""
+    """Points with covariances by axis, and the tool tip at zero with its covariance if it was measured.
+
+    Raises:
+        InputError: a feature is none of the machine, or of a linear axis and not one line.
+    """
     tracks: dict[str, list[Points]] = {}
     zero = None
-    for feature, reading in read_tracker(source, layout).items():
-        points = estimate_points(*reading), estimate_point_covariance(*reading, noise)
-        if feature == ZERO:
+    for name, feature in features.items():
+        reading = feature.distance, feature.elevation, feature.azimuth
+        points = feature.points, estimate_point_covariance(*reading, noise)
+        if name == ZERO:
             zero = points[0].mean(axis=0), points[1].mean(axis=0) / len(points[0])
-        else:
-            name = feature.partition(".")[0]
-            body_of(machine, name)
-            tracks.setdefault(name, []).append(points)
+            continue
+        letter = name.partition(".")[0]
+        try:
+            body_of(machine, letter)
+        except InputError as error:
+            raise feature.error(0, f"feature {name}: {error}") from error
+        if letter != SPINDLE and machine.axis(letter).kind == "linear":
+            if letter in tracks:
+                raise feature.error(0, f"feature {name}: a linear axis is one feature; call all of its points {letter}")
+            check_line(name, feature)
+        tracks.setdefault(letter, []).append(points)
     return tracks, zero
+
+
+def _check_circles(features: Mapping[str, Feature], rotary: Sequence[str]) -> None:
+    """Hold that each target of a rotary axis or the spindle went round one circle.
+
+    Raises:
+        InputError: one did not.
+    """
+    for name, feature in features.items():
+        if name.partition(".")[0] in rotary:
+            check_circle(name, feature)
 
 
 def _axis_lines(source: Path, machine: MachineDescription, tracks: Mapping[str, list[Points]]) -> dict[str, LineFit]:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.calibration.straightness_doubts import LEAST_OF_TRAVEL
 from rotary_error_monitor.description.machine import Axis, MachineDescription
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.files import MOST_LINES
@@ -115,11 +116,12 @@ def predict_flatness(
     surface; its slope does not count. Reversal errors ascend.
 
     Raises:
-        InputError: other than two linear feed axes, the vertical one among them, or a workpiece beyond their travel or
-            beyond what was measured of it.
+        InputError: other than two linear feed axes, the vertical one among them, or a workpiece beyond their travel,
+            beyond what was measured of it, or over hardly any of it.
     """
     if len(workpiece) != 2 or vertical in workpiece:
         raise InputError(f"workpiece over {', '.join(workpiece)}; expected two axes other than {vertical}")
+    _check_workpiece(machine, workpiece)
     if errors.period < SHORTEST:
         raise InputError(
             f"positioning error in waves of {errors.period * 1e6:g} µm; expected {SHORTEST * 1e6:g} µm or more, as the "
@@ -127,21 +129,36 @@ def predict_flatness(
         )
     up = int(np.argmax(np.abs(machine.axis(vertical).direction)))
     first, second = (
-        _curve(machine, machine.axis(letter), up, np.linspace(*_checked(machine.axis(letter), *limits), ROWS))
-        for letter, limits in workpiece.items()
+        _curve(machine, machine.axis(letter), up, np.linspace(*limits, ROWS)) for letter, limits in workpiece.items()
     )
     letters = tuple(workpiece)
     comparisons = tuple(_worst(first, second, reversal, errors) for reversal in errors.reversal)
     return FlatnessPrediction((letters[0], letters[1]), vertical, (first, second), errors, comparisons)
 
 
-def _checked(axis: Axis, low: float, high: float) -> tuple[float, float]:
-    lowest, highest = axis.travel
-    if axis.kind != "linear" or not lowest <= low < high <= highest:
+def _check_workpiece(machine: MachineDescription, workpiece: Workpiece) -> None:
+    """Refuse sides that are not within the travel of a linear axis, and such as were meant in another unit.
+
+    Raises:
+        InputError: the workpiece cannot be there.
+    """
+    parts = []
+    for letter, (low, high) in workpiece.items():
+        axis = machine.axis(letter)
+        if axis.kind != "linear":
+            raise InputError(f"workpiece: {letter} is a rotary axis; expected two linear ones, which feed")
+        lowest, highest = axis.travel
+        side = f"workpiece {letter} {low * 1e3:g} to {high * 1e3:g} mm"
+        if low >= high:
+            raise InputError(f"{side}: expected the lower end first")
+        if low < lowest or high > highest:
+            raise InputError(f"{side} is not within the travel of {letter}, {lowest * 1e3:g} to {highest * 1e3:g} mm")
+        parts.append((high - low) / (highest - lowest))
+    if max(parts) < LEAST_OF_TRAVEL:
         raise InputError(
-            f"workpiece {axis.letter} {low:g} to {high:g} is not within {lowest:g} to {highest:g} m of travel"
+            f"the workpiece covers {max(parts):.2%} of the travel of {' and '.join(workpiece)} at most: are its limits "
+            "in mm?"
         )
-    return low, high
 
 
 def _curve(machine: MachineDescription, axis: Axis, up: int, at: Array) -> WorkpieceCurve:

@@ -107,6 +107,7 @@ class Identification:
         rank: how many combinations they see.
         condition: largest over smallest singular value among those.
         residual_ratio: root mean square of the residuals over the noise, freedom counted.
+        too_small: p-value of residuals as small, if the noise is as stated.
     """
 
     machine: MachineDescription
@@ -119,6 +120,7 @@ class Identification:
     rank: int
     condition: float
     residual_ratio: float
+    too_small: float
 
     @property
     def standard_uncertainty(self) -> Array:
@@ -161,6 +163,7 @@ def identify_machine(start: MachineDescription, parameters: Sequence[Parameter],
         step = right[:rank].T @ ((left[:, :rank].T @ (_residual(machine, poses) / poses.noise)) / singular[:rank])
         machine = apply_parameters(machine, parameters, step * scales)
     residual = _residual(machine, poses) / poses.noise
+    square, freedom = float(residual @ residual), max(1, residual.size - rank)
     seen = right[:rank].T / singular[:rank]
     hidden = _complement(right[:rank])
     return Identification(
@@ -173,7 +176,8 @@ def identify_machine(start: MachineDescription, parameters: Sequence[Parameter],
         unseen=_combinations(hidden, parameters),
         rank=rank,
         condition=float(singular[0] / singular[rank - 1]) if rank else math.inf,
-        residual_ratio=math.sqrt(float(residual @ residual) / max(1, residual.size - rank)),
+        residual_ratio=math.sqrt(square / freedom),
+        too_small=float(chi2.cdf(square, freedom)),
     )
 
 

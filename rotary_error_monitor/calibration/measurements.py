@@ -1,11 +1,11 @@
-"""Measurements from CSV files, into the arrays that metrology takes; poses are read in `machine_poses.py`.
+"""Measurements from CSV files, into the arrays that metrology takes; poses are read in `machine_poses.py`,
+what a tracker saw in `tracker_features.py`.
 
 Headers (columns in any order):
     positioning, linear  target_mm,direction,cycle,deviation_um    or reading_mm instead of deviation_um
     positioning, rotary  target_deg,direction,cycle,deviation_arcsec    or reading_deg
     straightness         segment,run,direction,position_mm,reading_um    and mirror (1, -1 turned over) if it was turned
     mirror               distance_mm,height_um
-    tracker              feature,distance_mm,elevation_deg,azimuth_deg
 """
 
 from __future__ import annotations
@@ -224,24 +224,3 @@ def _check_pass(table: Table, rows: list[int], positions: Array, directions: Arr
             rows[at + 1],
             f"{name}: a gap of {steps[at] * 1e3:g} mm before this sample, {np.median(steps) * 1e3:g} mm is usual",
         )
-
-
-def read_tracker(path: Path | str, layout: ColumnLayout | None = None) -> dict[str, tuple[Array, Array, Array]]:
-    """Distance (m), elevation and azimuth (rad) of each feature's readings, in the order of the file.
-
-    Raises:
-        InputError: what `read_table` raises.
-    """
-    columns = [
-        Column("feature", text=True),
-        Column("distance_mm", LENGTH),
-        Column("elevation_deg", math.pi / 2),
-        Column("azimuth_deg", 2 * math.pi),
-    ]
-    table = read_table(path, [columns], layout=layout)
-    features = np.array(table.words["feature"])
-    names = list(dict.fromkeys(table.words["feature"]))
-    values = [table.numbers[column.name] for column in columns[1:]]
-    return {
-        name: (values[0][features == name], values[1][features == name], values[2][features == name]) for name in names
-    }

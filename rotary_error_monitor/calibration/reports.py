@@ -16,6 +16,7 @@ from rotary_error_monitor.calibration.controller_tables import CompensationChang
 from rotary_error_monitor.calibration.steps import MachineResult, PositioningResult
 from rotary_error_monitor.calibration.volume import ErrorCost, UncertainOffsets
 from rotary_error_monitor.machine.location_names import SPINDLE
+from rotary_error_monitor.metrology.repeated_runs import FALSE_ALARM
 from rotary_error_monitor.units import ARCSEC
 
 MOST_ROWS = 12
@@ -158,6 +159,11 @@ def machine_text(result: MachineResult, output: Path) -> str:
     worst = [k for k in np.argsort(-known) if np.isfinite(known[k])][:3]
     shown = ", ".join(f"{found.parameters[k].name} {known[k] * 1e6:.2f}" for k in worst)
     lines.append(f"  largest standard uncertainties (µm, µrad): {shown}")
+    if found.too_small < FALSE_ALARM:
+        lines.append(
+            "  note: the readings scatter far less than the noise that is stated or taken: if the probe is better, say "
+            "so (--noise-um), for its uncertainty is overstated; or are the offsets in another unit than µm?"
+        )
     # the first line is the verdict, and says what does not fit
     return "\n".join([*lines, ending((), result.written, output)])
 

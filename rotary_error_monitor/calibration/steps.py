@@ -258,7 +258,10 @@ def calibrate_machine(
     poses = read_probed_poses(job.source, machine, noise, job.layout)
     parameters = list_parameters(machine, orders)
     identification = identify_machine(machine, parameters, poses)
-    held_out = check_held_out(machine, parameters, poses)
+    try:
+        held_out = check_held_out(machine, parameters, poses)
+    except InputError as error:
+        raise InputError(f"{job.source}: {error}") from error
     verdict = judge_calibration(identification, held_out, poses, required=required, limits=limits)
     parts = job.file.set_machine(identification.machine)
     figures = {"held_out_ratio": held_out.ratio, VOLUMETRIC: verdict.uncertainty, f"{VOLUMETRIC}_bound": verdict.bound}

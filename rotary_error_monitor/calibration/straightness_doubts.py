@@ -17,6 +17,7 @@ from rotary_error_monitor.metrology.profile_range import NORMAL_95, range_bounds
 from rotary_error_monitor.metrology.run_agreement import (
     disagreeing_directions,
     disagreeing_runs,
+    scatters_too_little,
     unrepeated_doubt,
 )
 from rotary_error_monitor.metrology.splicing import SplicedProfile
@@ -73,6 +74,7 @@ def find_doubts(parts: Sequence[Placed], spliced: SplicedProfile, straightness: 
     between = _between(parts)
     misfits, doubt = _contradictions(parts, spliced, between)
     disagreements, moved = _disagreements(parts, noise)
+    disagreements = (*disagreements, *_too_little(parts, noise))
     doubt = max(doubt, moved, *(unrepeated_doubt(part.combined, noise) for part in parts))
     largest = float(np.diag(covariance).max())
     high, low = int(np.argmax(straightness.deviations)), int(np.argmin(straightness.deviations))
@@ -154,6 +156,16 @@ def _disagreements(parts: Sequence[Placed], noise: float) -> tuple[tuple[str, ..
                 )
                 doubt = max(doubt, found.moved)
     return tuple(misfits), doubt
+
+
+def _too_little(parts: Sequence[Placed], noise: float) -> tuple[str, ...]:
+    """Placements whose runs are far more alike than the stated noise lets them be, in words."""
+    return tuple(
+        f"segment {number}: runs of one direction scatter by {part.combined.scatter * 1e6:.2g} µm, where noise of "
+        f"{noise * 1e6:g} µm is stated: are the readings in the unit of the header, and is the noise in µm?"
+        for number, part in enumerate(parts, start=1)
+        if scatters_too_little(part.combined, noise)
+    )
 
 
 def unit_doubts(axis: Axis, positions: Array, mirror: float | None) -> tuple[str, ...]:

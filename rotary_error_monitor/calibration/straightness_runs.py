@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.calibration.measurements import Placement, read_straightness
@@ -44,21 +43,15 @@ class Placed:
     without: RepeatedRuns
 
     def departures(self) -> list[Array]:
-        """(n,) of each run, its readings less the mean of its direction and less the run's own height, m.
-
-        Between the positions of the mean, of scans, a cubic spline goes on.
-        """
+        """(n,) of each run, its readings less the mean of its direction and less the run's own height, m."""
+        if not self.combined.stops:
+            return list(self.combined.residuals)
         found = []
         for run in self.runs:
             mean = self.combined.mean
             if self.combined.reversal is not None:
                 mean = mean + run.direction * self.combined.reversal / 2
-            at = self.combined.positions
-            if self.combined.stops:
-                expected = np.interp(run.positions, at, mean)
-            else:
-                expected = CubicSpline(at, mean)(run.positions)
-            departure = run.readings - expected
+            departure = run.readings - np.interp(run.positions, self.combined.positions, mean)
             found.append(np.asarray(departure - departure.mean(), dtype=np.float64))
         return found
 

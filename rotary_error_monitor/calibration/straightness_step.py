@@ -12,6 +12,7 @@ from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.calibration.steps import Job, own_component
 from rotary_error_monitor.calibration.straightness_doubts import Doubts, find_doubts, unit_doubts
 from rotary_error_monitor.calibration.straightness_runs import Measured, Placed, Reading, measure_straightness
+from rotary_error_monitor.description.column_layout import ColumnLayout
 from rotary_error_monitor.description.machine import Axis, MachineDescription
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.guideway_compensation import RotatedCurve, rotate_monotone
@@ -26,11 +27,19 @@ MOST_TABLE_ROWS = 101
 
 @dataclass(frozen=True)
 class Direct:
-    """A direct measurement of the same straightness: its file, the mirror, None for an interferometer, the readings."""
+    """A direct measurement of the same straightness.
+
+    Attributes:
+        source: its file.
+        mirror: None for an interferometer.
+        reading: how its readings are to be taken.
+        layout: of a table as an instrument writes it.
+    """
 
     source: Path
     mirror: Mirror | None
     reading: Reading
+    layout: ColumnLayout | None = None
 
 
 @dataclass(frozen=True)
@@ -143,7 +152,7 @@ def _table(spliced: SplicedProfile, deviations: Array) -> tuple[Array, Array]:
 
 
 def _compare(axis: Axis, measured: Measured, doubts: Doubts, direct: Direct) -> ProfileComparison:
-    other = measure_straightness(direct.source, axis, direct.mirror, direct.reading)
+    other = measure_straightness(direct.source, axis, direct.mirror, direct.reading, layout=direct.layout)
     further = find_doubts(other.parts, other.spliced, other.spliced.straightness(), direct.reading.noise).between
     try:
         return compare_profiles(measured.spliced, other.spliced, (doubts.between, further))

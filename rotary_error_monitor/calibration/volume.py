@@ -42,12 +42,14 @@ class VolumetricMap:
 
     Attributes:
         axes: letters of the two axes.
+        rotary: whether each turns.
         first, second: (n,), (m,) their positions, m or rad.
         position_error: (n, m) length of the offset's shift, m.
         orientation_error: (n, m) angle of its rotation, rad.
     """
 
     axes: tuple[str, str]
+    rotary: tuple[bool, bool]
     first: Array
     second: Array
     position_error: Array
@@ -114,8 +116,10 @@ def estimate_volumetric_map(machine: MachineDescription, axes: tuple[str, str], 
     poses[:, numbers[0]], poses[:, numbers[1]] = (grid.ravel() for grid in np.meshgrid(*lines, indexing="ij"))
     offset = predict_tool_offset(arrange_machine(machine), poses)
     shape = (count, count)
+    first, second = (machine.axis(letter).kind == "rotary" for letter in axes)
     return VolumetricMap(
         axes,
+        (first, second),
         lines[0],
         lines[1],
         np.linalg.norm(offset[:, :3], axis=1).reshape(shape),

@@ -10,6 +10,7 @@ import numpy as np
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.calibration.grinding import FlatnessPrediction
 from rotary_error_monitor.calibration.measurements import LENGTH, LINEAR_ERROR
+from rotary_error_monitor.description.column_layout import ColumnLayout
 from rotary_error_monitor.description.csv_tables import Column, Table, read_table
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.surface_range import flatness_bounds
@@ -58,15 +59,18 @@ class MeasuredSurface:
         return 1 - float(rest @ rest) / float(self.heights @ self.heights)
 
 
-def read_workpiece(path: Path, prediction: FlatnessPrediction) -> MeasuredSurface:
+def read_workpiece(path: Path, prediction: FlatnessPrediction, layout: ColumnLayout | None = None) -> MeasuredSurface:
     """Surface from a CSV file with the feed axes' positions and `height_um`, wherever its points lie.
+
+    With a `layout` from a table as an instrument writes it.
 
     Raises:
         InputError: what `read_table` raises, points beyond the workpiece, too few or too close ones, or heights in
             another unit.
     """
     names = [f"{letter}_mm" for letter in prediction.feeds]
-    table = read_table(path, [[*(Column(name, LENGTH) for name in names), Column("height_um", LINEAR_ERROR)]])
+    columns = [*(Column(name, LENGTH) for name in names), Column("height_um", LINEAR_ERROR)]
+    table = read_table(path, [columns], layout=layout)
     places = [table.numbers[name] for name in names]
     if len(places[0]) < FEWEST_POINTS:
         raise table.error(

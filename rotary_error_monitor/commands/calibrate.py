@@ -46,7 +46,7 @@ from rotary_error_monitor.commands.values import (
 )
 from rotary_error_monitor.description.machine import MachineDescription, load_machine, machine_path
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.files import check_outputs
+from rotary_error_monitor.files import check_outputs, check_places, write_whole
 from rotary_error_monitor.machine.kernel import describe_kernel
 from rotary_error_monitor.metrology.tracker import TrackerNoise
 
@@ -92,13 +92,16 @@ def _add_positioning(steps: Subparsers[argparse.ArgumentParser]) -> None:
 
 
 def _add_squareness(steps: Subparsers[argparse.ArgumentParser]) -> None:
-    text = "laser tracker along and round axes and spindle: feature,distance_mm,elevation_deg,azimuth_deg"
+    text = (
+        "laser tracker along and round axes and spindle: feature,distance_mm,elevation_deg,azimuth_deg, or "
+        "feature,x_mm,y_mm,z_mm in the tracker's frame"
+    )
     parser = step(steps, "squareness", _squareness, text)
     parser.add_argument("--distance-um", type=positive, default=0.5, help="standard uncertainty (default 0.5)")
     parser.add_argument("--distance-ppm", type=not_negative, default=0.5, help="and its relative part (default 0.5)")
     parser.add_argument("--angle-arcsec", type=positive, default=0.5, help="of both angles (default 0.5)")
     add_figure(parser, "draw how axes and spindle lie beside each other")
-    add_columns(parser, "feature=Point distance=Dist,m elevation=V,deg azimuth=Hz,deg")
+    add_columns(parser, "feature=Group x=X,mm y=Y,mm z=Z,mm")
 
 
 def _add_machine(steps: Subparsers[argparse.ArgumentParser]) -> None:
@@ -202,8 +205,7 @@ def _tables(arguments: argparse.Namespace) -> int:
     if arguments.axis:
         return _comp_file(arguments, machine)
     counts = {name: count_of(value, f"{name}={value}") for name, value in map(split_word, arguments.grid)}
-    with writing(arguments.output):
-        arguments.output.write_text(volumetric_table(machine, counts), encoding="ascii")
+    write_whole(arguments.output, volumetric_table(machine, counts).encode("ascii"))
     print(f"{math.prod(counts.values())} poses written to {arguments.output}")
     return 0
 
@@ -213,8 +215,7 @@ def _comp_file(arguments: argparse.Namespace, machine: MachineDescription) -> in
     before = None
     if arguments.against:
         before = read_comp_file(arguments.against, machine.axis(arguments.axis), arguments.type)
-    with writing(arguments.output):
-        arguments.output.write_text(comp_file(compensation, arguments.type), encoding="ascii")
+    write_whole(arguments.output, comp_file(compensation, arguments.type).encode("ascii"))
     residue = np.rad2deg(compensation.residue) * 3600 if compensation.rotary else compensation.residue * 1e6
     unit = "arcsec" if compensation.rotary else "µm"
     print(f"{len(compensation.positions)} rows written to {arguments.output}, {residue:.3g} {unit} off between")
@@ -226,6 +227,7 @@ def _comp_file(arguments: argparse.Namespace, machine: MachineDescription) -> in
 
 def _errors(arguments: argparse.Namespace) -> int:
     check_outputs([arguments.figure], [machine_path(arguments.machine)])
+    check_places([arguments.figure] if arguments.figure else [])
     machine = load_machine(arguments.machine)
     limits = limits_of(arguments.limits, machine)
     poses = arguments.uncertainty

@@ -21,8 +21,9 @@ from rotary_error_monitor.calibration.grinding import (
     trajectory_csv,
 )
 from rotary_error_monitor.calibration.workpiece import measured_text, read_workpiece
-from rotary_error_monitor.commands.calibration_arguments import Subparsers, add_figure, writing
+from rotary_error_monitor.commands.calibration_arguments import Subparsers, add_columns, add_figure, writing
 from rotary_error_monitor.commands.values import limits_of, not_negative, positive, split_word
+from rotary_error_monitor.description.column_layout import ColumnLayout
 from rotary_error_monitor.description.machine import MachineDescription, load_machine, machine_path
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.files import check_outputs, check_places, write_whole
@@ -59,6 +60,7 @@ def add(steps: Subparsers[argparse.ArgumentParser]) -> None:
         "--measured", type=Path, metavar="CSV", help="surface ground without compensation: X_mm,Z_mm,height_um"
     )
     parser.add_argument("--measured-after", type=Path, metavar="CSV", help="surface ground with it")
+    add_columns(parser, "X=x,mm Z=z,mm height=Height,um", "of surfaces")
     parser.add_argument(
         "--covariance",
         nargs=2,
@@ -86,7 +88,8 @@ def _flatness(arguments: argparse.Namespace) -> int:
     reversal = tuple(size * 1e-6 for size in sorted(set(arguments.reversal_um)))
     errors = VerticalErrors(reversal, arguments.positioning_um * 1e-6, arguments.positioning_period_um * 1e-6)
     prediction = predict_flatness(machine, arguments.vertical, limits, errors)
-    surfaces = {name: read_workpiece(path, prediction) for name, path in measured.items() if path is not None}
+    layout = ColumnLayout.of(arguments.columns) if arguments.columns else None
+    surfaces = {name: read_workpiece(path, prediction, layout) for name, path in measured.items() if path is not None}
     told = [flatness_text(prediction), *_intervals(machine, prediction, stated)]
     trajectory = trajectory_csv(prediction, arguments.step_mm * 1e-3) if arguments.trajectory else ""
     noise = None if arguments.height_noise_um is None else arguments.height_noise_um * 1e-6

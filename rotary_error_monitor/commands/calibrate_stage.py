@@ -25,7 +25,7 @@ from rotary_error_monitor.commands.calibration_arguments import (
 )
 from rotary_error_monitor.commands.values import finite, not_negative, positive
 from rotary_error_monitor.description.column_layout import ColumnLayout
-from rotary_error_monitor.files import check_outputs
+from rotary_error_monitor.files import check_outputs, check_places
 from rotary_error_monitor.metrology.mirror_assembly import DELAY_STD
 from rotary_error_monitor.metrology.two_axis_fit import Reference
 from rotary_error_monitor.units import ARCSEC
@@ -137,6 +137,7 @@ def _assembly(arguments: argparse.Namespace) -> int:
     output = arguments.output or arguments.stage
     check_outputs([arguments.output], [arguments.source])
     check_outputs([arguments.figure], [arguments.source, arguments.stage, output])
+    check_places([arguments.figure] if arguments.figure else [])
     with changing(output):
         result = calibrate_assembly(
             arguments.source,
@@ -161,6 +162,7 @@ def _autocollimator(arguments: argparse.Namespace) -> int:
     output = arguments.output or arguments.stage
     check_outputs([arguments.output], [arguments.source])
     check_outputs([arguments.figure], [arguments.source, arguments.stage, output])
+    check_places([arguments.figure] if arguments.figure else [])
     roll = math.radians(arguments.reference_roll_arcmin / 60)
     with changing(output):
         result = calibrate_autocollimator(

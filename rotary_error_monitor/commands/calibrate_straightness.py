@@ -26,6 +26,7 @@ from rotary_error_monitor.commands.calibration_arguments import (
     writing,
 )
 from rotary_error_monitor.commands.values import flatness_um, not_negative, positive
+from rotary_error_monitor.description.column_layout import ColumnLayout
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.files import write_whole
 from rotary_error_monitor.metrology.reference_mirror import Mirror
@@ -53,7 +54,7 @@ def add(steps: Subparsers[argparse.ArgumentParser]) -> None:
     _add_mirror(parser)
     _add_direct(parser)
     add_figure(parser)
-    parser.add_argument("--runs-figure", type=Path, metavar="PNG", help="draw the runs and how they repeat")
+    add_figure(parser, "draw the runs and how they repeat", "--runs-figure")
     parser.add_argument(
         "--covariance", type=Path, metavar="OUT.csv", help="write the curve's covariance, for `calibrate flatness`"
     )
@@ -77,6 +78,7 @@ def _add_mirror(parser: argparse.ArgumentParser) -> None:
 def _add_direct(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("direct measurement", "to hold the spliced one against")
     group.add_argument("--direct", type=Path, metavar="CSV", help="the same straightness, measured as one segment")
+    add_columns(group, "position=X,mm reading=Gauge,um …", "of this table", "--direct-columns")
     group.add_argument("--direct-mirror-length-mm", type=positive, help="its mirror; none: an interferometer")
     group.add_argument(
         "--direct-flatness-um", type=flatness_um, default=argparse.SUPPRESS, help="of that mirror, or 'unknown'"
@@ -143,6 +145,9 @@ def _direct_of(arguments: argparse.Namespace, reading: Reading) -> Direct | None
     if arguments.direct is None:
         if mirror is not None:
             raise InputError("--direct-mirror-length-mm without --direct: give the file of the direct measurement")
+        if arguments.direct_columns:
+            raise InputError("--direct-columns without --direct: give the file of the direct measurement")
         return None
-    noise = arguments.direct_noise_um
-    return Direct(arguments.direct, mirror, reading if noise is None else replace(reading, noise=noise * 1e-6))
+    noise, columns = arguments.direct_noise_um, arguments.direct_columns
+    reading = reading if noise is None else replace(reading, noise=noise * 1e-6)
+    return Direct(arguments.direct, mirror, reading, ColumnLayout.of(columns) if columns else None)

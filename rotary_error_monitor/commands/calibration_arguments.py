@@ -18,6 +18,9 @@ from rotary_error_monitor.files import check_outputs, check_places
 NOT_GOOD = 10
 """Exit code of a calibration that does not fit, as of the other commands that find something wrong."""
 
+PICTURES = (".png", ".svg", ".pdf")
+"""Endings of pictures: pixels for a page, or lines for a report."""
+
 MACHINE_HELP = "the file to calibrate; the parameters of a twin become a tree of bodies"
 
 Subparsers = argparse._SubParsersAction  # the type that argparse gives has no public name
@@ -30,20 +33,31 @@ def add_force(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_figure(parser: argparse.ArgumentParser, help_: str = "draw what was found") -> None:
-    """Describe `--figure`."""
-    parser.add_argument("--figure", type=Path, metavar="PNG", help=help_)
+def picture(text: str) -> Path:
+    """The path of a picture, as an argument's type."""
+    if Path(text).suffix.lower() not in PICTURES:
+        raise argparse.ArgumentTypeError(f"{text} must end in {', '.join(PICTURES[:-1])} or {PICTURES[-1]}")
+    return Path(text)
 
 
-def add_columns(parser: argparse.ArgumentParser, example: str) -> None:
-    """Describe `--columns`."""
+def add_figure(parser: argparse.ArgumentParser, help_: str = "draw what was found", name: str = "--figure") -> None:
+    """Describe `--figure`, or another picture."""
+    kinds = ", ".join(ending[1:].upper() for ending in PICTURES)
+    parser.add_argument(name, type=picture, metavar="PNG", help=f"{help_} ({kinds})")
+
+
+def add_columns(
+    parser: argparse._ActionsContainer, example: str, of: str = "of a table", name: str = "--columns"
+) -> None:
+    """Describe `--columns`, or that of another table."""
     parser.add_argument(
-        "--columns",
+        name,
         nargs="+",
         default=[],
         metavar="WHAT=HEADER,UNIT",
-        help=f"of a table as an instrument writes it: which column is what, and its unit, such as {example}; lines "
-        "before the headers and other columns are passed over, and semicolons or tabs may separate columns",
+        help=f"{of} as an instrument writes it: which column is what, and its unit, such as {example}; lines "
+        "before the headers and other columns are passed over, and semicolons or tabs may separate columns; #1, #2, … "
+        "for HEADER are columns by number, of a table without headers",
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -14,6 +15,7 @@ SCALES: Mapping[str, tuple[str, float]] = {
     "mm": ("length", 1e-3),
     "um": ("length", 1e-6),
     "nm": ("length", 1e-9),
+    "in": ("length", 0.0254),
     "rad": ("angle", 1.0),
     "mrad": ("angle", 1e-3),
     "urad": ("angle", 1e-6),
@@ -25,6 +27,15 @@ SCALES: Mapping[str, tuple[str, float]] = {
 
 SEPARATORS = ",;\t"
 """What may stand between columns; where it is no comma, numbers may have decimal commas."""
+
+BLANKS = " "
+"""Any number of blanks, which may as well where there are no headers."""
+
+_NUMBER = re.compile(r"#[1-9]\d{0,2}")
+"""Number of a column without a header: instruments write tens of columns at most."""
+
+COMMENTS = "#", "//"
+"""What begins a comment in a list of points without headers."""
 
 DIRECTIONS = {
     "+": "1",
@@ -52,7 +63,8 @@ class ColumnLayout:
     """Columns of a table by what they are.
 
     Attributes:
-        headers: what stands above each column, by the plain name of the column that it is.
+        headers: what stands above each column, by the plain name of the column that it is; or, where nothing does, #
+            and its number, the first being 1.
         units: units that the file has, by the same names; of those that are not here that of the package's own files.
     """
 
@@ -83,7 +95,16 @@ class ColumnLayout:
             headers[name] = header
             if unit:
                 units[name] = unit
+        if len({bool(_NUMBER.fullmatch(header)) for header in headers.values()}) > 1:
+            raise InputError(
+                "--columns: headers and numbers of columns are mixed; give headers, or # and a number for all"
+            )
         return cls(headers, units)
+
+    @property
+    def numbered(self) -> bool:
+        """Whether columns are told by their numbers, in a table without headers."""
+        return all(_NUMBER.fullmatch(header) for header in self.headers.values())
 
     def chosen(self, choices: Sequence[Sequence[str]]) -> Sequence[str]:
         """Names of that set of columns, with their units, which the layout has all of.
@@ -117,16 +138,17 @@ class ColumnLayout:
     def read(self, lines: Sequence[str], origin: str) -> tuple[int, list[tuple[int, dict[str, str]]]]:
         """Number of the line with the headers, and below it the number and the cells of each row by plain name.
 
-        Lines before the headers and empty ones are passed over, other columns left out. Decimal commas become points
-        where they do not separate columns, and words for a direction its sign.
+        Lines before the headers and empty ones are passed over, other columns left out; in a table without headers,
+        comments and lines before the first that has all columns. Decimal commas become points where they do not
+        separate columns, and words for a direction its sign.
 
         Raises:
             InputError: no line has all headers, or a row has fewer columns than that; the message names the line.
         """
-        header, separator, places = self._header(lines, origin)
+        header, separator, places = self._numbers(lines, origin) if self.numbered else self._header(lines, origin)
         rows = []
         for number, line in enumerate(lines[header:], start=header + 1):
-            if not line.strip():
+            if not line.strip() or (self.numbered and line.lstrip().startswith(COMMENTS)):
                 continue
             cells = _cells(line, separator)
             if len(cells) <= max(places.values()):
@@ -153,8 +175,24 @@ class ColumnLayout:
             "separated by commas, semicolons or tabs; give them as the file has them"
         )
 
+    def _numbers(self, lines: Sequence[str], origin: str) -> tuple[int, str, dict[str, int]]:
+        """Number of the line before the first row, what separates columns, and the place of each by its plain name."""
+        places = {name: int(header[1:]) - 1 for name, header in self.headers.items()}
+        for number, line in enumerate(lines):
+            if line.lstrip().startswith(COMMENTS):
+                continue
+            for separator in (*SEPARATORS, BLANKS):
+                if len(_cells(line, separator)) > max(places.values()):
+                    return number, separator, places
+        raise InputError(
+            f"{origin}: no line has {max(places.values()) + 1} columns, which --columns asks for, separated by commas, "
+            "semicolons, tabs or blanks"
+        )
+
 
 def _cells(line: str, separator: str) -> list[str]:
+    if separator == BLANKS:
+        return line.split()
     try:
         return [cell.strip() for cell in next(csv.reader([line], delimiter=separator), [])]
     except csv.Error:  # of a line of words that is no row

@@ -181,7 +181,9 @@ def size_bounds(value: Array, covariance: Array) -> tuple[float, float]:
     """Bounds of the true size of a vector (2,) that was measured with a covariance (2, 2), at 95 %.
 
     Each bound is the true size for which a measured one as small, or as large, has a probability of 2.5 %; the true
-    direction is the likeliest for that size, as in a profile likelihood.
+    direction is the likeliest for that size, as in a profile likelihood. What is smaller than noise mostly makes it
+    would have an upper bound near zero, or at it: there it is that of the median which noise alone makes (power
+    constrained limits: Cowan et al. 2011, arXiv:1105.3166).
     """
     variances, axes = np.linalg.eigh(covariance)
     spread = np.sqrt(np.maximum(variances, 0.0))
@@ -201,10 +203,11 @@ def size_bounds(value: Array, covariance: Array) -> tuple[float, float]:
         return _within(size, places[:, likeliest], spread) - probability
 
     most, near = size + FARTHEST * float(spread[1]), 1e-3 * float(spread[0])
-    low, high = (
-        0.0 if excess(0.0, p) <= 0 else float(brentq(excess, 0.0, most, args=(p,), xtol=near)) for p in (1 - tail, tail)
-    )
-    return low, high
+    low = 0.0 if excess(0.0, 1 - tail) <= 0 else float(brentq(excess, 0.0, most, args=(1 - tail,), xtol=near))
+    usual = float(brentq(lambda radius: _within(radius, np.zeros(2), spread) - 0.5, 0.0, most, xtol=near))
+    if size < usual:
+        seen, size = (seen * usual / size if size > 0 else np.array([0.0, usual])), usual
+    return low, float(brentq(excess, 0.0, most, args=(tail,), xtol=near))
 
 
 def _within(radius: float, centre: Array, spread: Array) -> float:

@@ -172,8 +172,8 @@ def cut_curve(positions: Array, errors: Array, at: Array) -> Array:
     """
     if at[0] < positions[0] or at[-1] > positions[-1]:
         raise InputError(
-            f"the workpiece from {at[0]:g} m to {at[-1]:g} m reaches beyond the straightness measured from "
-            f"{positions[0]:g} m to {positions[-1]:g} m"
+            f"the workpiece from {at[0] * 1e3:g} mm to {at[-1] * 1e3:g} mm reaches beyond the straightness measured "
+            f"from {positions[0] * 1e3:g} mm to {positions[-1] * 1e3:g} mm"
         )
     return np.interp(at, positions, errors)
 

@@ -121,16 +121,16 @@ def place_segment(segment: Segment, mirror: Mirror | None, number: int) -> Place
     slack = 1e-6 * mirror.length
     if distance[0] < -slack or distance[-1] > mirror.length + slack:
         raise InputError(
-            f"segment {number + 1} runs from {positions[0]:g} m to {positions[-1]:g} m, beyond the mirror of "
-            f"{mirror.length:g} m that begins at {start:g} m"
+            f"segment {number + 1} runs from {positions[0] * 1e3:g} mm to {positions[-1] * 1e3:g} mm, beyond the "
+            f"mirror of {mirror.length * 1e3:g} mm that begins at {start * 1e3:g} mm"
         )
     side = -1.0 if segment.turned else 1.0
     if mirror.profile is not None:
         first, last = float(mirror.profile[0, 0]), float(mirror.profile[-1, 0])
         if distance[0] < first - slack or distance[-1] > last + slack:
             raise InputError(
-                f"segment {number + 1} uses the mirror from {distance[0]:g} m to {distance[-1]:g} m, but its form is "
-                f"calibrated from {first:g} m to {last:g} m"
+                f"segment {number + 1} uses the mirror from {distance[0] * 1e3:g} mm to {distance[-1] * 1e3:g} mm, "
+                f"but its form is calibrated from {first * 1e3:g} mm to {last * 1e3:g} mm"
             )
         heights = heights - side * np.interp(distance, mirror.profile[:, 0], mirror.profile[:, 1])
     return PlacedSegment(positions, heights, 2 * distance / mirror.length - 1, noise, side)

@@ -75,6 +75,7 @@ class RepeatedRuns:
         outliers: readings that stand off from the others at their stop; `target` counts the stops, `cycle` the runs
             of a direction.
         freedom: degrees of freedom of `scatter`.
+        residuals: of scans, (n,) of each run in the order given, its readings less the spline of its direction, m.
     """
 
     positions: Array
@@ -89,6 +90,7 @@ class RepeatedRuns:
     scatter: float = 0.0
     outliers: tuple[Outlier, ...] = ()
     freedom: int = 0
+    residuals: tuple[NDArray[np.float64], ...] = ()
 
 
 def combine_runs(
@@ -275,13 +277,13 @@ def _combine_scans(runs: Sequence[Run], spacing: float | None) -> RepeatedRuns:
     breaks = np.linspace(
         first, last, min(max(2, math.floor((last - first) / spacing * (1 + ROUNDING)) + 1), MOST_NODES)
     )
-    known, departures = {}, []
+    known, residuals = {}, dict[int, NDArray[np.float64]]()
     for sign in sorted({run.direction for run in runs}, reverse=True):
-        scans = [(run.positions, run.readings) for run in runs if run.direction == sign]
+        own = [number for number, run in enumerate(runs) if run.direction == sign]
+        scans = [(runs[number].positions, runs[number].readings) for number in own]
         known[sign] = fit_scans(scans, breaks)
         ends = np.cumsum([len(positions) for positions, _ in scans])[:-1]
-        parts = np.split(known[sign].residual, ends)
-        departures += [(positions, part) for (positions, _), part in zip(scans, parts, strict=True)]
+        residuals.update(zip(own, np.split(known[sign].residual, ends), strict=True))
     means = {sign: fit.values - (fit.values.mean() if len(known) == 2 else 0.0) for sign, fit in known.items()}
     freedom = sum(fit.freedom for fit in known.values())
     squares = sum(float((fit.residual**2).sum()) for fit in known.values())
@@ -297,10 +299,11 @@ def _combine_scans(runs: Sequence[Run], spacing: float | None) -> RepeatedRuns:
         largest_deviation=max(float(np.abs(fit.residual).max()) for fit in known.values()),
         uncertainty=np.sqrt(variance * weights[sure]) if freedom > 0 else None,
         weights=weights[sure],
-        correlation=neighbour_correlation(departures),
+        correlation=neighbour_correlation([(runs[number].positions, part) for number, part in residuals.items()]),
         stops=False,
         scatter=math.sqrt(variance),
         freedom=max(0, freedom),
+        residuals=tuple(residuals[number] for number in range(len(runs))),
     )
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.metrology.repeated_runs import FALSE_ALARM, RepeatedRuns
+from rotary_error_monitor.metrology.repeated_runs import FALSE_ALARM, ROUNDING, RepeatedRuns
 
 REPEATABLE = 3.0
 """Standard deviation of what runs do not repeat beside the noise, in standard deviations of that."""
@@ -23,6 +23,10 @@ REPEATABLE = 3.0
 REVERSED = 0.25
 """Standard deviation of what the directions differ in, as a part of the curve's: a guideway's straightness comes from
 its form, which both directions see."""
+
+ANOTHER_UNIT = 1000**-0.5
+"""Part of the stated noise below which the scatter is nearer to that of readings a thousand times larger: these were
+in mm where the header says um, or the noise was stated in another unit."""
 
 SHAPES = 2
 """Independent ways in which the directions differ, such as a bow and a wave: reversal is smooth, so that readings side
@@ -59,6 +63,15 @@ def disagreeing_runs(combined: RepeatedRuns, runs: int, noise: float) -> Disagre
     if probability >= FALSE_ALARM:
         return None
     return Disagreement(combined.scatter, expected, probability, combined.largest_deviation)
+
+
+def scatters_too_little(combined: RepeatedRuns, noise: float) -> bool:
+    """Whether repeated runs scatter by so little that readings or the stated noise must be in another unit.
+
+    Readings that never change between runs tell no scatter: a sensor may be coarse.
+    """
+    least = ROUNDING * float(np.abs(combined.mean).max())
+    return combined.uncertainty is not None and least < combined.scatter < ANOTHER_UNIT * noise
 
 
 def disagreeing_directions(combined: RepeatedRuns, noise: float) -> Disagreement | None:

@@ -62,7 +62,7 @@ def gap_between(breaks: Array, samples: Array) -> str:
     """Between which of rising `breaks` (b,) m there is no sample (n,) m, in words; empty where there is one in each."""
     count, _ = np.histogram(samples, breaks)
     at = int(np.argmin(count))
-    return "" if count[at] else f"from {breaks[at]:g} m to {breaks[at + 1]:g} m"
+    return "" if count[at] else f"from {breaks[at] * 1e3:g} mm to {breaks[at + 1] * 1e3:g} mm"
 
 
 def knots_of(breaks: Array) -> Array:

@@ -151,8 +151,8 @@ def _check_meeting(parts: Sequence[PlacedSegment], ordered: Sequence[int]) -> No
         shared = int((part.positions <= end).sum())
         if shared < 3:
             raise InputError(
-                f"segment {number + 1} begins at {start:g} m and the segments before it end at {end:g} m: they share "
-                f"{shared} sample(s), a slope and a height need three at least; let the placements overlap"
+                f"segment {number + 1} begins at {start * 1e3:g} mm and those before it end at {end * 1e3:g} mm: they "
+                f"share {shared} sample(s), a slope and a height need three at least; let the placements overlap"
             )
         end = max(end, float(part.positions[-1]))
 
@@ -218,8 +218,8 @@ def _solve(parts: Sequence[PlacedSegment], mirror: Mirror | None, knots: Array, 
         factor = _factor(design, roughness)
     except np.linalg.LinAlgError as error:
         raise InputError(
-            f"the readings do not determine the curve between {samples.min():g} and {samples.max():g} m: a part of it "
-            "has none; measure there as well"
+            f"the readings do not determine the curve between {samples.min() * 1e3:g} and {samples.max() * 1e3:g} mm: "
+            "a part of it has none; measure there as well"
         ) from error
     cross = np.asarray(design.T @ rest)
     gain = cho_solve_banded((factor, False), cross)

@@ -49,6 +49,13 @@ def estimate_points(distance: Array, elevation: Array, azimuth: Array) -> Array:
     return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), distance * np.sin(elevation)], axis=1)
 
 
+def estimate_readings(points: Array) -> tuple[Array, Array, Array]:
+    """Distance (m), elevation and azimuth (rad), each (n,), of points (n, 3) in the tracker's frame, m."""
+    level = np.hypot(points[:, 0], points[:, 1])
+    azimuth, elevation = np.arctan2(points[:, 1], points[:, 0]), np.arctan2(points[:, 2], level)
+    return np.hypot(level, points[:, 2]), elevation, azimuth
+
+
 def estimate_point_covariance(distance: Array, elevation: Array, azimuth: Array, noise: TrackerNoise) -> Array:
     """(n, 3, 3) covariance of the points of `estimate_points`, m², by propagation of the readings' uncertainties."""
     sin_e, cos_e, sin_a, cos_a = np.sin(elevation), np.cos(elevation), np.sin(azimuth), np.cos(azimuth)

@@ -70,15 +70,18 @@ def draw_errors(path: Path, costs: Sequence[ErrorCost], chart: VolumetricMap) ->
     )
     for row, (values, title) in enumerate(maps):
         ax = figure.add_subplot(grid[row, 0])
-        mesh = ax.pcolormesh(chart.first, chart.second, values.T, shading="gouraud", cmap="viridis")
+        scales = [180 / math.pi if rotary else 1e3 for rotary in chart.rotary]
+        first, second = chart.first * scales[0], chart.second * scales[1]
+        mesh = ax.pcolormesh(first, second, values.T, shading="gouraud", cmap="viridis")
         figure.colorbar(mesh, ax=ax, label=title)
-        ax.set_xlabel(f"{chart.axes[0]}, m or rad")
-        ax.set_ylabel(f"{chart.axes[1]}, m or rad")
+        units = ["deg" if rotary else "mm" for rotary in chart.rotary]
+        ax.set_xlabel(f"{chart.axes[0]}, {units[0]}")
+        ax.set_ylabel(f"{chart.axes[1]}, {units[1]}")
     ax = figure.add_subplot(grid[:, 1])
     shown = list(costs[:MOST_BARS])[::-1]
     ax.barh([cost.name for cost in shown], [cost.position_largest * 1e6 for cost in shown], color=BLUE, alpha=0.25)
     ax.barh([cost.name for cost in shown], [cost.position_rms * 1e6 for cost in shown], color=BLUE)
-    ax.set_xlabel("tool position error by this error alone, µm: rms (dark) and largest (light)")
+    ax.set_xlabel("tool position error by this error alone, µm:\nroot mean square (dark) and largest (light)")
     figure.savefig(path, dpi=110)
     plt.close(figure)
 

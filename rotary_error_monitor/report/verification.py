@@ -168,7 +168,7 @@ def _taken(each: ReferenceComparison) -> Iterator[str]:
     x, y = (float(value) for value in each.eccentricity)
     parts = (quantity(Estimate(v, float(u)), "m") for v, u in zip((x, y), each.expanded, strict=True))
     size, angle = _length(math.hypot(x, y)), math.degrees(math.atan2(y, x))
-    described = ", ".join(_length(value) for value in each.described)
+    described = ", ".join(f"{_micrometres(float(value))} µm" for value in each.described)
     yield (
         f"taken off: eccentricity of the target, x {next(parts)}, y {next(parts)} (k = 2), that is {size} at "
         f"{angle:.1f}°; described as {described}"

@@ -220,7 +220,8 @@ class Lou2019:
                 f"autocollimator, residual in {name} within ±100 arcsec (Figure 5)",
                 f"±{LEFT_BY_A_LINE[axis]} arcsec",
                 f"±{line:.2f} arcsec by a line, ±{found:.2f} arcsec by the command",
-                "the instrument is simulated so that a line leaves the paper's residual, beside the reference's own "
+                f"of readings at steps along {name}; what the command prints is of all steps, those across as well. "
+                "The instrument is simulated so that a line leaves the paper's residual, beside the reference's own "
                 "±0.2 arcsec; the command fits cubic terms too",
                 found <= LEFT_BY_A_LINE[axis],
             )

@@ -145,7 +145,7 @@ def test_a_table_that_ends_a_little_short_of_the_travel_counts_to_its_end(
     file = MachineFile(far)
     file.set_table("EYX", np.linspace(-1.4 + 0.03, 0.0, 101), y, None)
     file.save(far)
-    with pytest.raises(InputError, match=r"reaches beyond the straightness measured from -1\.37"):
+    with pytest.raises(InputError, match=r"reaches beyond the straightness measured from -137"):
         predict_flatness(load_machine(far), "Y", WORKPIECE, errors(0.0))
 
 
@@ -239,6 +239,21 @@ def test_a_measured_workpiece_beside_the_prediction(tmp_path: Path, seed: int, c
     np.testing.assert_allclose(cells[:, 3] - cells[0, 3], node - node[0], rtol=0, atol=2e-3)
 
 
+def test_a_measured_workpiece_as_an_instrument_writes_it(tmp_path: Path, capsys) -> None:
+    x, z, heights = ground(5)
+    own = grinding_csv(tmp_path / "own.csv", heights, x, z)
+    other = tmp_path / "other.txt"
+    rows = [f"{k};{b:.4f};{a:.4f};{h * 1e9:.2f}" for k, (a, b, h) in enumerate(zip(x, z, heights, strict=True))]
+    other.write_text("\n".join(["n;across;along;nm", *rows]).replace(".", ","), encoding="utf-8")
+    words, said = [*COMMAND, "--positioning-um", "1.2", "--reversal-um", "1", "--measured"], []
+    for more in ([own], [other, "--columns", "X=along,m", "Z=across,m", "height=nm,nm"]):
+        assert main([*words, *map(str, more)]) == 0
+        said.append(capsys.readouterr().out)
+    assert said[0] == said[1]
+    assert main([*words, str(other), "--columns", "X=along,m", "Z=across,m"]) == 2
+    assert "--columns names X, Z; expected X, Z, height" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("change", "problem"),
     [
@@ -279,7 +294,9 @@ def test_what_cannot_be_is_refused(tmp_path: Path, more: list[str], problem: str
     [
         ({"X": (-1.4, 0.0)}, "expected two axes other than Y"),
         ({"X": (-1.4, 0.0), "Y": (0.0, 0.1)}, "expected two axes other than Y"),
-        ({"X": (-1.4, 0.1), "Z": (-0.5, 0.0)}, "not within -1.4 to 0 m of travel"),
+        ({"X": (-1.4, 0.1), "Z": (-0.5, 0.0)}, "X -1400 to 100 mm is not within the travel of X, -1400 to 0 mm"),
+        ({"X": (-1.4, 0.0), "Z": (-0.15, -0.65)}, "workpiece Z -150 to -650 mm: expected the lower end first"),
+        ({"X": (-1.4e-3, 0.0), "Z": (-6.5e-4, -1.5e-4)}, r"covers 0\.10% of the travel of X and Z at most: .* in mm"),
     ],
 )
 def test_bad_workpieces_are_refused(workpiece: dict[str, tuple[float, float]], message: str) -> None:
@@ -294,7 +311,7 @@ def test_a_workpiece_beyond_what_was_measured_is_refused(tmp_path: Path) -> None
     file.set_table("EYZ", x, 1e-6 * np.cos(20 * x), None)
     file.save(path)
     with pytest.raises(
-        InputError, match=r"from -0.65 m to -0.15 m reaches beyond the straightness measured from -0.6 m"
+        InputError, match=r"from -650 mm to -150 mm reaches beyond the straightness measured from -600 mm"
     ):
         predict_flatness(load_machine(path), "Y", WORKPIECE, errors(0.0))
 

@@ -115,6 +115,7 @@ def test_the_command_tells_and_draws_both_directions(tmp_path: Path, capsys: pyt
 
 def test_the_picture_does_not_take_the_place_of_an_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     stage = Path(shutil.copy(config("stage.yaml"), tmp_path / "stage.yaml"))
-    before, bag = stage.read_bytes(), simulated(tmp_path)
-    assert main(["calibrate", "assembly", str(bag), "--stage", str(stage), "--figure", str(stage)]) == 2
+    before, bag, linked = stage.read_bytes(), simulated(tmp_path), tmp_path / "stage.png"
+    linked.hardlink_to(stage)
+    assert main(["calibrate", "assembly", str(bag), "--stage", str(stage), "--figure", str(linked)]) == 2
     assert "not written, for it is the input" in capsys.readouterr().err and stage.read_bytes() == before

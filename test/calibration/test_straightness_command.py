@@ -105,6 +105,25 @@ def test_a_turned_mirror_is_a_mirror(tmp_path: Path, machine: Path, capsys) -> N
     assert "a mirror turned over, and no mirror: its length and flatness are needed" in capsys.readouterr().err
 
 
+def test_a_direct_measurement_as_an_interferometer_writes_it(tmp_path: Path, machine: Path, capsys) -> None:
+    rng = np.random.default_rng(8)
+    source = written(tmp_path / "z.csv", [*rows(rng, -800, -360), *rows(rng, -440, 0, segment=2)])
+    direct = written(tmp_path / "direct.csv", rows(rng, -800, 0))
+    other = tmp_path / "direct.txt"
+    cells = [line.split(",") for line in direct.read_text(encoding="utf-8").splitlines()[1:]]
+    lines = [f"{float(v) * 1e3:.2f};{float(p) / 1e3:.4f};{d};{n};1" for _, n, d, p, v in cells]
+    other.write_text("\n".join(["Reading;At;Way;Run;Piece", *lines]), encoding="utf-8")
+    words = ["segment=Piece", "run=Run", "direction=Way", "position=At,m", "reading=Reading,nm"]
+    said = []
+    for more in ([direct], [other, "--direct-columns", *words]):
+        assert run(source, machine, *MIRROR, "-o", tmp_path / "out.yaml", "--direct", *more) == 0
+        said.append(capsys.readouterr().out)
+    assert "measured directly" in said[0]
+    assert said[0] == said[1]
+    assert run(source, machine, *MIRROR, "--direct-columns", *words) == 2
+    assert "--direct-columns without --direct" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("how", ["interferometer", "long mirror"])
 def test_spliced_against_directly_measured(tmp_path: Path, machine: Path, seed: int, how: str, capsys) -> None:

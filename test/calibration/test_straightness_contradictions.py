@@ -153,3 +153,36 @@ def test_positions_in_another_unit(
 def test_a_piece_of_the_travel_as_long_as_its_mirror_is_written(tmp_path: Path, machine: Path) -> None:
     """A mirror of 100 mm on an axis of 6 m."""
     assert run(written(tmp_path, [(1, bow), (-1, bow)], 0, 20.0), machine, length=100) == 0
+
+
+@pytest.mark.parametrize("seed", SEEDS[:3])
+@pytest.mark.parametrize("scattered", [False, True])
+def test_readings_in_mm_under_a_header_of_um(
+    tmp_path: Path, machine: Path, seed: int, scattered: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """They scatter by a thousandth of the stated noise; a third of it is an instrument better than stated."""
+    source = written(tmp_path, [(1, bow), (-1, bow)] * 3, seed, scattered=scattered)
+    assert run(source, machine, "-o", tmp_path / "good.yaml", "--noise-um", 3 * NOISE) == 0
+    head, *lines = source.read_text(encoding="utf-8").splitlines()
+    cells = [line.rsplit(",", 1) for line in lines]
+    rows = [f"{rest},{float(value) / 1000:.9f}" for rest, value in cells]
+    source.write_text("\n".join([head, *rows]), encoding="utf-8")
+    before = machine.read_bytes()
+    capsys.readouterr()
+    assert run(source, machine) == calibrate.NOT_GOOD
+    said = capsys.readouterr().out
+    assert (
+        "where noise of 0.1 µm is stated: are the readings in the unit of the header, and is the noise in µm?" in said
+    )
+    assert machine.read_bytes() == before
+
+
+def test_a_coarse_sensor_that_shows_the_same_in_all_runs(tmp_path: Path, machine: Path) -> None:
+    def coarse(x: Array) -> Array:
+        return np.asarray(np.round(bow(x)))
+
+    source = written(tmp_path, [(1, coarse), (-1, coarse)] * 3, seed=0)
+    head, *lines = source.read_text(encoding="utf-8").splitlines()
+    cells = [line.rsplit(",", 1) for line in lines]
+    source.write_text("\n".join([head, *(f"{rest},{round(float(value))}" for rest, value in cells)]), encoding="utf-8")
+    assert run(source, machine, "--noise-um", 0.3) == 0

@@ -71,6 +71,7 @@ def test_location_errors_are_ranked_by_their_names_in_the_standard() -> None:
 def test_map_of_the_grinder_is_its_error_matrix() -> None:
     grinder = load_machine("grinder_zhou2023")
     chart = estimate_volumetric_map(grinder, ("X", "Z"), count=9)
+    assert chart.rotary == (False, False)
     assert chart.position_error.shape == (9, 9)
     curves = []
     for name, q in (("EYX", chart.first), ("EYZ", chart.second)):

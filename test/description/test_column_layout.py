@@ -9,7 +9,8 @@ import pytest
 
 from rotary_error_monitor.calibration.collimator_steps import Quadrants, read_steps
 from rotary_error_monitor.calibration.machine_poses import read_probed_poses
-from rotary_error_monitor.calibration.measurements import read_positioning, read_straightness, read_tracker
+from rotary_error_monitor.calibration.measurements import read_positioning, read_straightness
+from rotary_error_monitor.calibration.tracker_features import read_tracker
 from rotary_error_monitor.description.column_layout import ColumnLayout
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.errors import InputError
@@ -64,9 +65,9 @@ def test_readings_of_a_tracker_and_along_a_mirror(tmp_path: Path) -> None:
     path = tmp_path / "tracker.txt"
     path.write_text("Point;D;V;Hz\nX;1,5;0,1;0,2\nX;1,6;0,1;0,2\n", encoding="utf-8")
     layout = ColumnLayout.of(["feature=Point", "distance=D,m", "elevation=V,rad", "azimuth=Hz,rad"])
-    (distance, elevation, azimuth) = read_tracker(path, layout)["X"]
-    np.testing.assert_allclose(distance, [1.5, 1.6])
-    np.testing.assert_allclose([elevation[0], azimuth[0]], [0.1, 0.2])
+    seen = read_tracker(path, layout)["X"]
+    np.testing.assert_allclose(seen.distance, [1.5, 1.6])
+    np.testing.assert_allclose([seen.elevation[0], seen.azimuth[0]], [0.1, 0.2])
     rows = [f"a\t1\tfwd\t{x}\t{x / 1000:.3f}" for x in range(12)]
     path.write_text("Seg\tR\tD\tX\tG\n" + "\n".join(rows), encoding="utf-8")
     words = ["segment=Seg", "run=R", "direction=D", "position=X,mm", "reading=G,um"]

@@ -10,6 +10,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
+from scipy.stats import t as student_t
 
 from rotary_error_monitor.metrology.positioning import PositioningRuns
 from rotary_error_monitor.metrology.positioning_bounds import PositioningBounds, bound_positioning
@@ -185,6 +187,26 @@ def interval(bounds: PositioningBounds, name: str) -> tuple[float, float]:
     where, figure = name.split(".")
     low, high = getattr(getattr(bounds, where), figure)
     return low, high
+
+
+def widths_of_one_target(axis: Axis) -> dict[str, float]:
+    """Widths of the 95 % intervals that the one target which scatters most would give by itself, or two such."""
+    runs, most = axis.runs, float(np.hypot(axis.scatter, axis.drift).max())
+    low, high = np.sqrt((runs - 1) / chi2.ppf([0.975, 0.025], runs - 1))
+    of_scatter = 4 * most * (high - low)
+    of_two = 2 * student_t.ppf(0.975, 2 * (runs - 1)) * most * np.sqrt(2 / runs)
+    instrument = 2 * 1.96 * axis.instrument
+    of_range = float(np.hypot(of_two, instrument))
+    return {
+        "forward.repeatability": of_scatter,
+        "forward.systematic_deviation": of_range,
+        "forward.accuracy": of_range + of_scatter,
+        "bidirectional.reversal_error": of_two,
+        "bidirectional.repeatability": of_two + of_scatter,
+        "bidirectional.mean_deviation_range": float(np.hypot(of_two / np.sqrt(2), instrument)),
+        "bidirectional.systematic_deviation": of_range,
+        "bidirectional.accuracy": of_range + of_scatter,
+    }
 
 
 def missed(kind: str, count: int, stream: int = 0) -> dict[str, tuple[float, float]]:

@@ -6,7 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from metrology.simulated_positioning import AXES, OTHER_AXES, interval, linear, missed, rotary
+from metrology.simulated_positioning import (
+    AXES,
+    OTHER_AXES,
+    Axis,
+    interval,
+    linear,
+    missed,
+    rotary,
+    widths_of_one_target,
+)
 from scipy.stats import t as student_t
 
 from rotary_error_monitor.metrology.positioning import PositioningRuns, estimate_positioning
@@ -31,15 +40,41 @@ def test_bounds_have_the_unit_of_the_readings(seed: int) -> None:
     assert bound_positioning(runs) == small
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_more_runs_tell_more(seed: int) -> None:
-    """Of 800 runs all figures are known to an eighth."""
-    rng = np.random.default_rng(seed)
-    axis = replace(linear(rng, reversal=3.0, wear=1.0), runs=800)
-    bounds = bound_positioning(axis.measured(rng))
-    for name, true in axis.truth().items():
-        low, high = interval(bounds, name)
-        assert 0.88 * true < low < high < 1.12 * true
+def test_sixteen_times_the_runs_quarter_the_intervals() -> None:
+    """By the square root of the number of runs, as each figure's estimate scatters; 50 and 800 runs of eight axes."""
+    widths = {
+        runs: np.mean([widths_of(replace(_worn(seed), runs=runs), seed) for seed in range(8)], axis=0)
+        for runs in (50, 800)
+    }
+    ratios = widths[50] / widths[800]
+    # a width of one test scatters by a third or so where few targets are extremes: the mean of eight by an eighth
+    assert np.all((ratios > 3) & (ratios < 5.3)), ratios
+
+
+def _worn(seed: int) -> Axis:
+    return linear(np.random.default_rng(seed), reversal=3.0, wear=1.0)
+
+
+def widths_of(axis: Axis, seed: int) -> list[float]:
+    bounds = bound_positioning(axis.measured(np.random.default_rng([seed, axis.runs])), axis.instrument)
+    return [float(np.ptp(interval(bounds, name))) for name in widths_of_one_target(axis)]
+
+
+@pytest.mark.parametrize("kind", ["small reversal", "rotary", "5 targets", "scatter unequal", "screw, one target high"])
+def test_bounds_are_no_wider_than_one_target_alone_would_make_them(kind: str) -> None:
+    """Bounds that hold the truth more often than 95 % are not wide for it: all targets together tell the scatter.
+
+    Beside what the target that scatters most tells by itself (chi-square and t) intervals of R and A are some half and
+    a third as wide, those of means up to as wide; the mean of ten intervals scatters by a tenth.
+    """
+    own, alone = [], []
+    for seed in range(10):
+        axis = (AXES | OTHER_AXES)[kind](np.random.default_rng([seed, 5]))
+        own.append(widths_of(axis, seed))
+        alone.append(list(widths_of_one_target(axis).values()))
+    ratios = dict(zip(widths_of_one_target(axis), np.mean(own, axis=0) / np.mean(alone, axis=0), strict=True))
+    for name, ratio in ratios.items():
+        assert 0.2 < ratio < (0.9 if name.endswith(("repeatability", "accuracy")) else 1.25), ratios
 
 
 def test_readings_that_never_differ_leave_no_doubt() -> None:

@@ -240,11 +240,11 @@ def test_bad_segments_are_refused() -> None:
     x = np.linspace(0, 0.44, 221)
     segment = Segment(x, np.zeros_like(x), 60e-9)
     mirror = Mirror(0.44, 0.08e-6)
-    with pytest.raises(InputError, match=r"segment 2 begins at 0.5 m and the segments before it end at 0.44 m"):
+    with pytest.raises(InputError, match=r"segment 2 begins at 500 mm and those before it end at 440 mm"):
         splice_segments([segment, Segment(x + 0.5, np.zeros_like(x), 60e-9)], mirror)
-    with pytest.raises(InputError, match=r"beyond the mirror of 0.44 m"):
+    with pytest.raises(InputError, match=r"beyond the mirror of 440 mm"):
         splice_segments([Segment(x * 1.1, np.zeros_like(x), 60e-9)], mirror)
-    with pytest.raises(InputError, match=r"its form is calibrated from 0 m to 0.4 m"):
+    with pytest.raises(InputError, match=r"its form is calibrated from 0 mm to 400 mm"):
         splice_segments([segment], Mirror(0.44, 5e-9, np.array([[0.0, 0.0], [0.4, 0.0]])))
     with pytest.raises(InputError, match="above 0"):
         splice_segments([Segment(x, np.zeros_like(x), 0.0)], mirror)

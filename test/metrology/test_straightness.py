@@ -275,7 +275,7 @@ def test_bad_runs_are_refused() -> None:
         combine_runs([])
     with pytest.raises(InputError, match=r"directions \[1, 2\]"):
         combine_runs([good, Run(x, np.zeros(11), 2)])
-    with pytest.raises(InputError, match=r"no run of a direction has a sample from 1\.\d+ m to"):
+    with pytest.raises(InputError, match=r"no run of a direction has a sample from 1\d\d\d(\.\d+)? mm to"):
         combine_runs([good, Run(x + 2.03, np.zeros(11), 1)])
     with pytest.raises(InputError, match="position 3 is not finite"):
         combine_runs([good, Run(np.where(x == x[3], np.nan, x), np.zeros(11), 1)])
