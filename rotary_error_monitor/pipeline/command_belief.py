@@ -78,6 +78,8 @@ class CommandBelief:
         self._variances = None
         self._distances.clear()
         self._slope.forget()
+        if self._zero.open:
+            self._zero.begin(sound=False)
 
     def note_silence(self, number: int) -> None:
         """The heads were silent up to the window of that number: what comes is held against what was before."""
@@ -211,7 +213,7 @@ class CommandBelief:
         self.shift = self._shift_in_silence(window, last, speed) if not self.doubt else 0.0
         if self.shift <= STEADY * self._limits.following_error + 6.0 * scatter:
             return ""
-        self._size = abs(self._zero.latest)
+        self._size = max(self.shift, abs(self._zero.latest))
         return (
             f"rotation and command are {self.shift * 1e6:.3g} µrad further apart than before the heads were silent: "
             "they may have lost counts"

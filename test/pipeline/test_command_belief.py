@@ -114,3 +114,22 @@ def test_a_command_that_came_back_wrong_is_believed_once_it_is_right(off, silent
     assert not any(found[:begin])
     assert all(found[begin + 15 : end]), "while it is wrong"
     assert not any(found[end + silent + round(0.7 / PERIOD) :]), "once it has been right for half a second"
+
+
+@pytest.mark.parametrize("count", [2, 3, 10])
+def test_distances_of_a_head_that_was_wrong_are_forgotten_with_it(count, stage):
+    """Behind a silence the rotation comes of a wrong head for some windows, until that is left out."""
+    generator = np.random.default_rng(3)
+    theta = moved(PERIOD * np.arange(COUNT)) + 1e-7 * generator.normal(size=COUNT)
+    there, begin = np.ones(COUNT), 400
+    there[begin - 10 : begin] = 0.0
+    shown = theta.copy()
+    shown[begin : begin + count] += 2.5 * np.arange(1, count + 1)
+    belief, found = CommandBelief(stage), []
+    for window in windows(shown, theta, there):
+        belief.judge(window)
+        found.append(belief.doubt)
+        if window.number == begin + count - 1:
+            assert belief.doubt
+            belief.retract(doubt=True)
+    assert not any(found[begin + count :])
