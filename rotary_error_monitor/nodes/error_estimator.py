@@ -5,7 +5,7 @@ ros2 run rotary_error_monitor error_estimator --ros-args -p stage:=my_stage.yaml
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from std_srvs.srv import Trigger
@@ -225,6 +225,7 @@ class ErrorEstimator(ManagedNode):
             (Level.ERROR, f"no estimate: {flow.message}" if flow.level == Level.ERROR else ""),
             (Level.WARN, f"{saturated} samples at the end of an instrument's range" if saturated else ""),
             *self._doubts(flow.level == Level.ERROR),
+            *((Level.WARN, self._too_far_apart([name])) for name in self._sparse(rotation=not unobservable)),
         ):
             if reason:
                 level = max(level, badness)
@@ -233,13 +234,10 @@ class ErrorEstimator(ManagedNode):
 
     def _lacking(self) -> str:
         """Why the rotation is not known."""
-        status, told_by = self._estimator.status, "head_" if self.stage.azimuths else COMMAND
-        sparse = [name for name in status.sparse if name.startswith(told_by)]
+        status = self._estimator.status
+        sparse = [name for name in status.sparse if name not in self._sparse(rotation=False)]
         if sparse:
-            gap = max(status.streams[name].spacing_ns for name in sparse) * 1e-6
-            limit = self.setting("max_gap") * 1e3
-            apart = f"samples of {', '.join(sparse)} are {gap:.3g} ms apart"
-            return f"{apart}; what is further apart than max_gap of {limit:g} ms is not joined"
+            return self._too_far_apart(sparse)
         if not self.stage.azimuths:
             return "no command, which alone tells the rotation"
         used = [f"head_{letter}" for letter in self.stage.azimuths]
@@ -247,6 +245,20 @@ class ErrorEstimator(ManagedNode):
         if len(used) < 2:
             return "too few heads"
         return f"{' and '.join(used)} alone do not tell rotation from displacement; two opposed heads do, or three"
+
+    def _sparse(self, rotation: bool) -> list[str]:
+        """Streams whose samples are too far apart; with those that tell the rotation, or without."""
+        told_by = "head_" if self.stage.azimuths else COMMAND
+        return [name for name in self._estimator.status.sparse if rotation or not name.startswith(told_by)]
+
+    def _too_far_apart(self, names: Sequence[str]) -> str:
+        """That samples of these streams are not joined, and why."""
+        gap = max(self._estimator.status.streams[name].spacing_ns for name in names) * 1e-6
+        limit = self.setting("max_gap") * 1e3
+        return (
+            f"samples of {', '.join(names)} are {gap:.3g} ms apart; "
+            f"what is further apart than max_gap of {limit:g} ms is not joined"
+        )
 
     def _doubts(self, silent: bool) -> Iterator[tuple[Level, str]]:
         """What is missing or doubted while there are estimates."""
@@ -273,9 +285,6 @@ class ErrorEstimator(ManagedNode):
                 Level.WARN,
                 f"the listed sensors contradict one another: their uncertainty is raised {raised:.1f} times",
             )
-        for name in status.sparse:
-            if name in self.stage.sensors:
-                yield Level.WARN, f"samples of {name} are too far apart for max_gap: not joined"
         if belief.heads.contradicted > _TOLD_SCALE:
             raised = belief.heads.contradicted
             yield Level.WARN, f"the heads contradict one another: their uncertainty is raised {raised:.1f} times"

@@ -78,6 +78,8 @@ class CommandBelief:
         self._variances = None
         self._distances.clear()
         self._slope.forget()
+        if self._zero.open:
+            self._zero.begin(sound=False)
 
     def note_silence(self, number: int) -> None:
         """The heads were silent up to the window of that number: what comes is held against what was before."""
@@ -92,7 +94,7 @@ class CommandBelief:
         """Take in a window in which the heads tell the rotation."""
         last, self._last = self._last, window
         self.reach = self._anywhere
-        if not (window.has("command") and window.has("heads")) or last is None or window.number != last.number + 1:
+        if last is None or window.number != last.number + 1 or not (_tells(window) and _tells(last)):
             self._agreeing = 0.0
             self.lag = self._lag_at(self._speed_of(window, last), self._scatter(window))
             if not self._zero.open:
@@ -101,7 +103,9 @@ class CommandBelief:
         self._compared = window.number
         speed = self._speed_of(window, last)
         scatter = self._scatter(window)
-        step = self._step(window, last, speed, scatter) or self._moved_in_silence(window, last, speed, scatter)
+        step = self._step(window, last, speed, scatter)
+        if self._zero.open or not step:  # a step just behind a silence as well: what was before is before both
+            step = self._moved_in_silence(window, last, speed, scatter) or step
         wrong = self._beyond(window, speed) or self._stuck(window, last) or step
         if not wrong:
             self._measure(window.number, [window.mean.theta], [window.mean.ecc], [window.scatter.ecc])
@@ -209,7 +213,7 @@ class CommandBelief:
         self.shift = self._shift_in_silence(window, last, speed) if not self.doubt else 0.0
         if self.shift <= STEADY * self._limits.following_error + 6.0 * scatter:
             return ""
-        self._size = abs(self._zero.latest)
+        self._size = max(self.shift, abs(self._zero.latest))
         return (
             f"rotation and command are {self.shift * 1e6:.3g} µrad further apart than before the heads were silent: "
             "they may have lost counts"
@@ -277,6 +281,11 @@ class CommandBelief:
             f"the heads are {self.delay * 1e3:.3g} ms behind the command, more than the "
             f"{self._limits.latency * 1e3:.3g} ms of the stage's limits: stamps of one of them are wrong"
         )
+
+
+def _tells(window: Window) -> bool:
+    """Whether the mean distance is one: not of a window that lacks rotation or command at some ticks."""
+    return window.has("command") and window.has("heads")
 
 
 def _deviation(variances: tuple[float, float] | None, samples: float) -> float:

@@ -279,7 +279,10 @@ class Compensator:
 
     def _note_flow(self, found: CompensationOutput, time_ns: int, remarks: Sequence[str]) -> None:
         """Whether corrections flow, and what is not as it should be."""
-        self.hold = self.hold or self._corrector.doubt
+        warmth = self.thermometer.trouble(time_ns)
+        self.remarks = tuple(remark for remark in (*remarks, warmth) if remark)
+        if self._corrector.doubt and not self.hold:  # with what may have raised the uncertainty
+            self.hold = "; ".join((self._corrector.doubt, *self.remarks))
         if found.corrections:
             self.holding.flow(found.corrections[-1].stamp_ns)
         elif self.hold:
@@ -287,8 +290,6 @@ class Compensator:
         elif self._corrector.is_ahead_of(time_ns):
             # Those of the description alone are of later joint states: they end, or live ones would never be the later.
             self.holding.flow(time_ns)
-        warmth = self.thermometer.trouble(time_ns)
-        self.remarks = tuple(remark for remark in (*remarks, warmth) if remark)
 
     def _missing(self, time_ns: int) -> str:
         """What is not there yet without which the first corrections would be wrong; empty where nothing is."""

@@ -276,6 +276,35 @@ def test_wrong_joint_states_are_refused(cell, feed):
     cell.wait_for_status(f"compensation: refused {topic.name}", "lacks axis")
 
 
+WRONG_INPUTS = {
+    "mm for m": (lambda position: 1e3 * position, 20.0, "joint states are not believed: axis X at 70 m is beyond"),
+    "huge": (lambda position: 1e300, 20.0, "joint states are not believed: axis X at 1e+300 m is beyond"),
+    "a temperature in another unit": (lambda position: position, 1e6, "temperature not believed: 1e+06 °C is beyond"),
+}
+"""What becomes of the position of X, the temperature (°C) beside it, and what is to be said."""
+
+
+@pytest.mark.parametrize(("of_x", "warmth", "said"), WRONG_INPUTS.values(), ids=WRONG_INPUTS)
+def test_a_wrong_input_is_told_by_its_value_and_not_as_an_age(cell, feed, corrections, of_x, warmth, said):
+    """Within the age limit that the package ships, and with all other inputs fresh and right."""
+    joints, temperature = (cell.wire.topic(key) for key in ("machine_joint_states", "machine_temperature"))
+    send_joints, send_temperature = cell.publish_on(joints), cell.publish_on(temperature)
+    cell.run(Compensation, "compensation", machine="xyzac_trt", position_tolerance=3.15)
+    heard = cell.collect(cell.wire.topic("diagnostics"))
+    pose = [of_x(0.07), -0.05, 0.02, 0.3, 0.0]
+
+    def told() -> bool:
+        now_ns = cell.node.get_clock().now().nanoseconds
+        send_joints(messages.joint_state_message(now_ns, "base", "XYZAC", pose, [0.0] * 5))
+        send_temperature(messages.temperature_message(now_ns, temperature.frame, warmth))
+        return cell.has_status("compensation: correction", said)
+
+    feed.run_until(told, f"the reason: {said}")
+    assert not any(any(correction.position) for correction in corrections)
+    words = [each.message for array in heard for each in array.status if each.name.endswith("compensation: correction")]
+    assert words and not [text for text in words if "age limit" in text]
+
+
 @pytest.mark.parametrize(
     ("parameters", "problem"),
     [

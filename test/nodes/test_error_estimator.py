@@ -159,6 +159,28 @@ def test_heads_that_are_slower_than_max_gap_are_named(cell, estimates, rate):
     cell.wait_until(lambda: len(estimates) > 5, "estimates with a larger max_gap")
 
 
+def test_slow_streams_beside_fast_heads_are_named(cell, estimates):
+    """A head, the autocollimator and the command: their part of the estimate is missing, and why is said."""
+    for head in "abcd":
+        cell.run(EncoderHead, f"encoder_head_{head}", rate=40.0 if head == "b" else 1000.0, source="mock")
+    cell.run(Autocollimator, "autocollimator", rate=25.0, source="mock")
+    cell.run(MockController, "mock_controller", rate=30.0)
+    cell.run(ErrorEstimator, "error_estimator", period=PERIOD, check_turns=0.0)
+    cell.wait_until(lambda: len(estimates) > 5, "estimates of the other heads")
+    apart = {"head_b": 25, "autocollimator": 40, "command": 33.3}
+    limit = "what is further apart than max_gap of 20 ms is not joined"
+    words = [f"samples of {name} are {gap} ms apart; {limit}" for name, gap in apart.items()]
+
+    def all_are_named() -> bool:
+        """In a warning: in the first reports some estimates may have been impossible."""
+        status = cell.status("error_estimator: estimate")
+        return status.level == b"\x01" and all(each in status.message for each in words)
+
+    cell.wait_until(all_are_named, f"{words}")
+    assert cell.status("error_estimator: estimate").message.count("max_gap") == len(words)
+    assert newest_mask(estimates) == 0b1101
+
+
 def test_heads_die_one_after_another(cell, estimates, sensors, plant):
     cell.run(ErrorEstimator, "error_estimator", period=PERIOD, check_turns=0.0)
     cell.wait_until(lambda: len(estimates) > 5, "estimates")

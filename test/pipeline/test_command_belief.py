@@ -20,29 +20,42 @@ def stage() -> StageDescription:
     return stage_of(random_stage(3))
 
 
-def windows(theta: np.ndarray, command: np.ndarray) -> list[Window]:
-    shown = {"heads": 1.0, "radial": 1.0, "command": 1.0, "head_samples": 1.0, "radial_variance": 1e-18}
+def windows(theta: np.ndarray, command: np.ndarray, there: np.ndarray | None = None) -> list[Window]:
+    """Windows in which the command is `there` for a part of the ticks, without it for all."""
+    shown = {"heads": 1.0, "radial": 1.0, "head_samples": 1.0, "radial_variance": 1e-18}
+    parts = np.ones(len(theta)) if there is None else there
+    values = [
+        shown | {"theta": angle, "ecc": part * (angle - commanded), "command": part}
+        for angle, commanded, part in zip(theta, command, parts, strict=True)
+    ]
     return [
         Window(
             number,
             PERIOD,
             TICKS,
-            Means._make(float((shown | {"theta": angle, "ecc": angle - commanded}).get(name, 0.0)) for name in COLUMNS),
+            Means._make(float(each.get(name, 0.0)) for name in COLUMNS),
             Scatter(1e-7, 1e-7, 1e-7),
             np.zeros(1),
             0,
             True,
         )
-        for number, (angle, commanded) in enumerate(zip(theta, command, strict=True))
+        for number, each in enumerate(values)
     ]
 
 
-def doubts(stage: StageDescription, theta: np.ndarray, command: np.ndarray) -> set[str]:
-    belief, found = CommandBelief(stage), set()
-    for window in windows(theta, command):
+def course(
+    stage: StageDescription, theta: np.ndarray, command: np.ndarray, there: np.ndarray | None = None
+) -> list[str]:
+    """What is doubted after each window."""
+    belief, found = CommandBelief(stage), []
+    for window in windows(theta, command, there):
         belief.judge(window)
-        found.add(belief.doubt)
-    return found - {""}
+        found.append(belief.doubt)
+    return found
+
+
+def doubts(stage: StageDescription, theta: np.ndarray, command: np.ndarray) -> set[str]:
+    return {*course(stage, theta, command)} - {""}
 
 
 def moved(time: np.ndarray) -> np.ndarray:
@@ -70,3 +83,54 @@ def test_heads_that_are_late_are_found_where_the_command_moves(part, stage):
         theta = moved(time - late) + 1e-7 * generator.normal(size=COUNT)
         found = doubts(stage, theta, moved(time))
         assert any("behind the command" in text for text in found) is (abs(part) > 1.0)
+
+
+@pytest.mark.parametrize("seconds", [0.04, 0.3, 2.0])
+@pytest.mark.parametrize("part", [0.6, -0.9])
+def test_a_command_that_was_silent_made_no_step(part, seconds, stage):
+    """However far the rotor stays behind it: of a window that lacks a part of it the distance is not known."""
+    generator = np.random.default_rng(round(1e3 * seconds))
+    for _ in range(4):
+        theta = moved(PERIOD * np.arange(COUNT)) + 1e-7 * generator.normal(size=COUNT)
+        there, begin = np.ones(COUNT), int(generator.integers(5, 900))
+        end = begin + round(seconds / PERIOD)
+        there[begin:end] = 0.0
+        there[[begin, end]] = generator.uniform(0.1, 0.9, 2)
+        assert not any(course(stage, theta, theta - part * stage.limits.following_error, there))
+
+
+@pytest.mark.parametrize("drift", [0.0, 10.0])
+@pytest.mark.parametrize("silent", [0, 10])
+@pytest.mark.parametrize("off", [3e-4, -2e-3, 0.5])
+def test_a_command_that_came_back_wrong_is_believed_once_it_is_right(off, silent, drift, stage):
+    """It is silent, comes back elsewhere, stays off or drifts (rad/s, as in another unit), and is then as it was."""
+    generator = np.random.default_rng(5)
+    theta = moved(PERIOD * np.arange(COUNT)) + 1e-7 * generator.normal(size=COUNT)
+    there, wrong = np.ones(COUNT), np.zeros(COUNT)
+    begin, end = int(generator.integers(300, 500)), 700
+    there[begin - 10 : begin] = 0.0
+    there[end : end + silent] = 0.0
+    wrong[begin:end] = off + drift * PERIOD * np.arange(end - begin)
+    found = course(stage, theta, theta - wrong, there)
+    assert not any(found[:begin])
+    assert all(found[begin + 15 : end]), "while it is wrong"
+    assert not any(found[end + silent + round(0.7 / PERIOD) :]), "once it has been right for half a second"
+
+
+@pytest.mark.parametrize("count", [2, 3, 10])
+def test_distances_of_a_head_that_was_wrong_are_forgotten_with_it(count, stage):
+    """Behind a silence the rotation comes of a wrong head for some windows, until that is left out."""
+    generator = np.random.default_rng(3)
+    theta = moved(PERIOD * np.arange(COUNT)) + 1e-7 * generator.normal(size=COUNT)
+    there, begin = np.ones(COUNT), 400
+    there[begin - 10 : begin] = 0.0
+    shown = theta.copy()
+    shown[begin : begin + count] += 2.5 * np.arange(1, count + 1)
+    belief, found = CommandBelief(stage), []
+    for window in windows(shown, theta, there):
+        belief.judge(window)
+        found.append(belief.doubt)
+        if window.number == begin + count - 1:
+            assert belief.doubt
+            belief.retract(doubt=True)
+    assert not any(found[begin + count :])
