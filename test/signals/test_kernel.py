@@ -147,7 +147,7 @@ def taken_in(
                 dict(admission.refused),
                 admission.refusals.tobytes(),
                 admission.wraps,
-                admission.newest_ns,
+                stream.newest_ns,
             )
         )
     return found
