@@ -52,7 +52,7 @@ LIVE := $(addprefix test/,commissioning/test_live.py faults/clock faults/live li
 # Rates over many seeds compute for minutes, and coverage, which others give, would treble that: they come without it, as
 # do the tests of what is no part of the package.
 CELL_RATES := $(addprefix test/,fuzz soak world test_lacking_recordings.py bags/test_writer.py commissioning/test_command.py \
-	commissioning/test_travel.py description/test_configurations.py $(addprefix faults/test_,begin.py calibrated.py few_heads.py \
+	commissioning/test_travel.py description/test_configurations.py $(addprefix faults/test_,begin.py calibrated.py ends.py few_heads.py \
 	gaps.py late_heads.py machine_faults.py page.py recordings.py responses.py undescribed_motion.py zero.py) \
 	$(addprefix pipeline/test_,command_belief.py estimation.py radial_heights.py reversals.py uncertain_responses.py) \
 	$(addprefix recordings/test_,cells.py long_recordings.py measured_curves.py) \
@@ -82,7 +82,7 @@ RATES := $(CELL_RATES) $(MODEL_RATES) $(SWEEPS)
 DRAWN := $(addprefix test/,$(addprefix analysis/test_,motion.py trend.py) bags/test_writer.py blind_check/test_blind_check.py \
 	$(addprefix calibration/test_,assembly_contradictions.py axis_table.py collimator_rates.py straightness_contradictions.py) \
 	$(addprefix cases/test_,cases.py departures.py mimics.py) $(addprefix commissioning/test_,command.py measured_curves.py travel.py) \
-	$(addprefix faults/test_,begin.py calibrated.py few_heads.py gaps.py recordings.py responses.py) \
+	$(addprefix faults/test_,begin.py calibrated.py ends.py few_heads.py gaps.py recordings.py responses.py) \
 	kinds/quadrature/test_problem.py $(addprefix kinds/stage/test_,admission.py diagnosis.py gradual.py listed_sensors.py \
 	motion.py rounding.py without_autocollimator.py) machine/test_uncertainty_rates.py nodes/test_stage_files.py $(addprefix metrology/test_,assembly.py \
 	spindle_figures.py))

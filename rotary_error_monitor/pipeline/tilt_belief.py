@@ -209,7 +209,7 @@ class TiltBelief:
     def _conclude(self, duration: float, wrong: str, step: str) -> None:
         """Doubt by what is wrong, or believe again what has agreed for long enough."""
         if wrong and not self.doubt:
-            self._before = self._mean_before()
+            self._before = self._repeated or self._mean_before()  # the last windows of a run of equals are the run
             self._recent.clear()
             self._near = STAYED * self._size if step else STAYED * self._limits.tilt
             self._farthest = 0.0

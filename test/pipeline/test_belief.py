@@ -80,6 +80,28 @@ def test_a_reading_that_repeats_is_as_uncertain_as_it_should_have_moved(pace):
     assert belief.scale == 1.0
 
 
+@pytest.mark.parametrize("dark", [150, 400, 1000])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_an_autocollimator_that_went_dark_is_believed_once_it_sees_again(sign, dark):
+    """Its readings, which repeat by chance for some time, fade to zero no faster than the stage tilts, and stay."""
+    coarse = replace(STAGE, autocollimator=replace(STAGE.autocollimator, resolution=2e-6, noise=4e-7))
+    generator, belief, noise = np.random.default_rng(dark), TiltBelief(coarse), 1e-6
+    fading = np.arange(1.0, 0.0, -0.2)
+    mirror = sign * 0.9 * STAGE.limits.tilt_rate * 0.01 * len(fading)
+    sees = 200 + len(fading)
+    end = sees + dark
+    doubts = []
+    for number in range(end + 200):
+        reading = mirror + noise * generator.normal()
+        if 200 <= number < end:
+            reading = mirror * fading[number - 200] if number < sees else 0.0
+        belief.judge(window(number, reading, described=mirror))
+        doubts.append(belief.doubt)
+    assert not any(doubts[:200])
+    assert doubts[end - 1].startswith("stuck")
+    assert not any(doubts[end + 60 :]), "half a second of agreement, and a few windows"
+
+
 @pytest.mark.parametrize("size", [4e-5, -8e-5])
 def test_a_step_that_came_back_may_come_again(size):
     """What goes out before it shows is within six of the stated standard deviations, from the second on."""
