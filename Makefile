@@ -76,7 +76,7 @@ SWEEPS := $(addprefix test/,analysis/test_probes.py commissioning/test_rates.py 
 	without_heads.py) \
 	$(addprefix metrology/test_,positioning_bound_rates.py surface_range_rates.py) $(addprefix pipeline/test_,listed_sensors.py listed_tilt.py stage_files.py) recordings/test_compare_rates.py \
 	reproduction/test_pan2013_rates.py \
-	$(addprefix kinds/stage/test_,play.py slow_noise.py stuck_thermometers.py thermometers.py told_departures.py unknown.py))
+	$(addprefix kinds/stage/test_,play.py slow_noise.py stuck_thermometers.py thermometers.py told_departures.py unknown.py waves.py))
 RATES := $(CELL_RATES) $(MODEL_RATES) $(SWEEPS)
 # `make test` takes a third of the random stages that these draw (test/draws.py), `make rates` all of them.
 DRAWN := $(addprefix test/,$(addprefix analysis/test_,motion.py trend.py) bags/test_writer.py blind_check/test_blind_check.py \
