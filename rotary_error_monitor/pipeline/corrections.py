@@ -128,7 +128,6 @@ class CorrectionMaker:
         self._settings = settings
         self._limits = axis_limits(machine, linear=settings.linear_limits, rotary=settings.rotary_limits)
         self._spread = OffsetSpread(machine, self._model, limits)
-        self._linear = np.array([axis.kind == "linear" for axis in machine.axes])
         self._last_period = -1
         self._last_report = -1
         self._asked: tuple[int, NDArray[np.float64]] | None = None
@@ -154,8 +153,11 @@ class CorrectionMaker:
 
     def distance(self, poses: TimedPoses) -> NDArray[np.float64]:
         """(n,) how far the tool would be moved, m, were the correction that holds replaced by that of the poses."""
-        away = self._wanted(poses).corrections - np.array(self.state.applied)
-        return np.asarray(np.linalg.norm(away[:, self._linear], axis=1))
+        wanted = self._wanted(poses).corrections
+        held = np.broadcast_to(np.array(self.state.applied), wanted.shape)
+        # a correction of a rotary axis moves the tool as well
+        moved = self._remaining(poses, wanted) - self._remaining(poses, held)
+        return np.asarray(np.linalg.norm(moved[:, :3], axis=1))
 
     def compensate(self, poses: TimedPoses, *, described: bool = False, apply: bool = True) -> CompensationOutput:
         """Offsets of all poses, and corrections of those that begin a correction period.
@@ -284,7 +286,12 @@ class CorrectionMaker:
     ) -> list[OffsetReport]:
         if len(offset) == 0:
             return []
-        remaining = remaining_offset(
+        remaining = self._remaining(poses, corrections)
+        return [OffsetReport(*each) for each in zip(offset, spread, remaining, strict=True)]
+
+    def _remaining(self, poses: TimedPoses, corrections: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n, 6) what corrections (n, axes) leave of the offset, m and rad."""
+        return remaining_offset(
             self._model,
             poses.positions,
             corrections,
@@ -292,7 +299,6 @@ class CorrectionMaker:
             temperature=poses.temperature,
             monitored=poses.live,
         )
-        return [OffsetReport(*each) for each in zip(offset, spread, remaining, strict=True)]
 
 
 def _rising(numbers: NDArray[np.int64], before: int) -> NDArray[np.int64]:

@@ -9,9 +9,13 @@ _INTRODUCTION = """\
 
 This page is made from the tests: each row stands at the test that shows it (`make faults-doc` writes the page, and a
 test holds it against them). "Held" means that axis corrections stay where they are; while the axes move on, a held
-correction can be off by as much as the error motion differs between the two places. After `hold_limit` (2 s) they go at
-the rate limit to what the machine's description alone gives, and where joint states are not believed they stay.
-What is refused is counted by its reason; all reasons stand in `/diagnostics` within a second.
+correction can be off by as much as the error motion differs between the two places; `compensation: correction`
+says how far the description would move the tool from there. After `hold_limit` (2 s) they go at the rate limit to what
+the machine's description alone gives, and where joint states are not believed they stay.
+What is refused is counted by its reason; all reasons stand in `/diagnostics` within a second. A second after the end of
+a fault all is published again, from other instruments where one is not believed yet. It takes longer, or a reset,
+without redundancy, where a head agrees only once a fast stage is slower, and where the end of a fault looks like its
+begin: a step back of an autocollimator or command that was believed meanwhile.
 """
 
 

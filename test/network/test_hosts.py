@@ -65,14 +65,13 @@ def test_the_cable_delays_loses_and_is_cut():
         cable.impair(delay=0.02, jitter=0.01)
         took = []
         receiver.setblocking(True)
-        for _ in range(100):
+        while len(took) < 100 or (min(took) > 0.0125 and len(took) < 2000):  # a busy computer only adds to them
             begin = time.monotonic()
             sender.sendto(b"there", (receiver.getsockname()[0], PORT))
             receiver.recv(2000)
             took.append(time.monotonic() - begin)
-        assert min(took) >= 0.01
+        assert 0.01 <= min(took) <= 0.0125, "0.01 to 0.03, one in eight below this where the cable is in time"
         assert np.median(took) > 0.015
-        assert np.quantile(took, 0.1) < 0.02, "where the cable gets a processor in time: 0.01 to 0.03"
 
 
 def test_hosts_share_nothing_with_this_computer_and_one_another():

@@ -286,10 +286,10 @@ WRONG_INPUTS = {
 
 @pytest.mark.parametrize(("of_x", "warmth", "said"), WRONG_INPUTS.values(), ids=WRONG_INPUTS)
 def test_a_wrong_input_is_told_by_its_value_and_not_as_an_age(cell, feed, corrections, of_x, warmth, said):
-    """Within the age limit that the package ships, and with all other inputs fresh and right."""
+    """With all other inputs fresh and right."""
     joints, temperature = (cell.wire.topic(key) for key in ("machine_joint_states", "machine_temperature"))
     send_joints, send_temperature = cell.publish_on(joints), cell.publish_on(temperature)
-    cell.run(Compensation, "compensation", machine="xyzac_trt", position_tolerance=3.15)
+    cell.run(Compensation, "compensation", machine="xyzac_trt", **RELAXED, position_tolerance=3.15)
     heard = cell.collect(cell.wire.topic("diagnostics"))
     pose = [of_x(0.07), -0.05, 0.02, 0.3, 0.0]
 
