@@ -94,7 +94,7 @@ class CommandBelief:
         """Take in a window in which the heads tell the rotation."""
         last, self._last = self._last, window
         self.reach = self._anywhere
-        if last is None or window.number != last.number + 1 or not (_tells(window) and _tells(last)):
+        if not _tells(window) or last is None or window.number != last.number + 1:
             self._agreeing = 0.0
             self.lag = self._lag_at(self._speed_of(window, last), self._scatter(window))
             if not self._zero.open:
@@ -103,10 +103,11 @@ class CommandBelief:
         self._compared = window.number
         speed = self._speed_of(window, last)
         scatter = self._scatter(window)
-        step = self._step(window, last, speed, scatter)
+        whole = _tells(last)
+        step = self._step(window, last, speed, scatter) if whole else ""
         if self._zero.open or not step:  # a step just behind a silence as well: what was before is before both
             step = self._moved_in_silence(window, last, speed, scatter) or step
-        wrong = self._beyond(window, speed) or self._stuck(window, last) or step
+        wrong = self._beyond(window, speed) or (self._stuck(window, last) if whole else "") or step
         if not wrong:
             self._measure(window.number, [window.mean.theta], [window.mean.ecc], [window.scatter.ecc])
             wrong = self._measure_delay(window)
