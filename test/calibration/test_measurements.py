@@ -13,8 +13,8 @@ from rotary_error_monitor.calibration.measurements import (
     read_mirror_profile,
     read_positioning,
     read_straightness,
-    read_tracker,
 )
+from rotary_error_monitor.calibration.tracker_features import read_tracker
 from rotary_error_monitor.codec.contents import Content, JointState, PointStamped
 from rotary_error_monitor.description.machine import MachineDescription, load_machine
 from rotary_error_monitor.description.topics import pose_topics
@@ -180,8 +180,10 @@ def test_bad_straightness_tables(tmp_path: Path, rows: list[str], message: str) 
 def test_tracker_table(tmp_path: Path) -> None:
     header = "feature,distance_mm,elevation_deg,azimuth_deg"
     features = read_tracker(written(tmp_path, header, "X,2000,10,20", "C.1,3000,0,-90", "X,2100,11,21"))
-    np.testing.assert_allclose(features["X"], [[2.0, 2.1], np.deg2rad([10, 11]), np.deg2rad([20, 21])])
-    np.testing.assert_allclose(features["C.1"], [[3.0], [0.0], [-np.pi / 2]])
+    line, circle = features["X"], features["C.1"]
+    readings = np.array([line.distance, line.elevation, line.azimuth])
+    np.testing.assert_allclose(readings, [[2.0, 2.1], np.deg2rad([10, 11]), np.deg2rad([20, 21])])
+    np.testing.assert_allclose([circle.distance, circle.elevation, circle.azimuth], [[3.0], [0.0], [-np.pi / 2]])
     with pytest.raises(InputError, match=":2: elevation_deg 100 is beyond ±90"):
         read_tracker(written(tmp_path, header, "X,2000,100,20"))
 

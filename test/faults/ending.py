@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+from described_stages import stage_of
 from numpy.typing import NDArray
 from world import FAULTS, Recording, random_stage
 from world.fault import Injected
 
 from faults.behaviours import behaviour_of
 from faults.judging import SIGMAS, TURN_OF_THE_NODE, record, stream_of
-from rotary_error_monitor.description.stage import stage_from_mapping
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.error_motion import COMPONENTS, ErrorMotion
 from rotary_error_monitor.pipeline.estimation import Estimator
@@ -112,7 +112,7 @@ class _Counts:
 
 
 def _heard(recording: Recording, section: Mapping[str, object]) -> Heard:
-    estimator = Estimator(stage_from_mapping(section))
+    estimator = Estimator(stage_of(section))
     counts, parts, said, awake = _Counts(estimator), [], [], 0
     for arrival, topic, block in recording.timeline():
         stream = stream_of(topic)
@@ -153,7 +153,7 @@ def ended(name: str, number: int) -> Ended | None:
     begin_ns, end_ns = injected.begin_ns, injected.begin_ns + round(LASTS * 1e9)
     found = _heard(_until(recording, injected, end_ns), section)
     bound = behaviour_of(name).bound
-    allowed = bound(stage_from_mapping(section)) if bound else {}
+    allowed = bound(stage_of(section)) if bound else {}
     margin = np.array([allowed.get(each, 0.0) for each in COMPONENTS])
     off, deviation = _off(recording, found.motion)
     wrong = found.motion.observable & ~(off <= margin + SIGMAS * deviation)

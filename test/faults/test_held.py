@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from pushed_inputs import push_error_motion
 
 from faults.machine_run import MACHINE, MS, START, Machine
 from rotary_error_monitor.pipeline.compensation import CompensationSettings, Compensator
@@ -34,7 +35,7 @@ def test_how_far_a_held_correction_is_off_is_said(seed):
         if ms % 10 == 0:
             compensator.accept_joint_state(START + ms * MS, *machine.joint_state(ms * 1e-3))
         if ms < STOPS_MS:
-            compensator.push_error_motion(machine.error_motion(ms))
+            push_error_motion(compensator, machine.error_motion(ms))
         elif ms % 100 == 0:
             said.append(compensator.distance())
             true.append(left(machine, ms, np.asarray(compensator.state.applied)))
