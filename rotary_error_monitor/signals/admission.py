@@ -146,7 +146,7 @@ class Admission:
             if self._waiting is not None or len(rows) < _CONTEXT or 0 < len(self._tail) < _BEND:
                 return False
             tail = self._tail[-_BEND:]
-            limits.tail = address(tail) if len(tail) else None
+            limits.tail = address(tail) if len(tail) else 0
         limits.until = _AFTER_ALL if until_ns is None else until_ns
         limits.is_first = self._newest_ns is None or self._last is None
         if self._newest_ns is not None and self._last is not None:

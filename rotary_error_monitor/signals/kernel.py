@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Sequence
-from ctypes import c_double, c_int64, c_void_p
+from ctypes import c_double, c_int64, c_size_t, c_void_p
 from functools import cache
 from pathlib import Path
 
@@ -27,12 +27,12 @@ Columns = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], N
 
 
 class Limits(ctypes.Structure):
-    """`limits` of compiled/kernel.c."""
+    """`limits` of compiled/kernel.c; where the tail is, is told anew for each call, so that a stream may be pickled."""
 
     _fields_ = (
         *((name, c_double) for name in ("largest", "speed", "jitter", "largest_bend", "taken_out", "last")),
         *((name, c_int64) for name in ("since", "until", "is_first")),
-        ("tail", c_void_p),
+        ("tail", c_size_t),
     )
 
 

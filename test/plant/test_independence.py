@@ -51,4 +51,4 @@ def test_they_pull_in_no_other_room_when_they_are_imported(rooms: str, own: tupl
         "print(*{n.split('.')[1] for n in sys.modules if n.startswith('rotary_error_monitor.')})"
     )
     loaded = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout.split()
-    assert {"plant", "description"} <= set(loaded) <= {*own, "files", "plugins", "resources", "units"}
+    assert {"plant", "description"} <= set(loaded) <= {*own, "files", "libraries", "plugins", "resources", "units"}

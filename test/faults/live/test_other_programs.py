@@ -24,15 +24,15 @@ def test_waiting_for_a_core_is_seen(count):
         before = processor_time(spinning[0].pid)
         with lost_time(lambda: [spinning[0].pid]) as lost:
             begin = time.monotonic()
-            time.sleep(2.0)
+            time.sleep(4.0)
             found, passed = lost(), time.monotonic() - begin
             used = processor_time(spinning[0].pid) - before
         for process in spinning:
             process.kill()
     assert found.ran == pytest.approx(used, abs=0.2), "as the kernel bills it"
     assert count == 1 or found.waited > 0.5
-    # A process that spins does nothing else.
-    assert found.ran + found.waited == pytest.approx(passed, abs=0.5)
+    # A process that spins does nothing else; a wait is billed whole once it ends, also what was before the first look.
+    assert found.ran + found.waited == pytest.approx(passed, abs=1.0)
 
 
 def test_waiting_excuses_no_more_than_its_bound():
