@@ -740,7 +740,11 @@ def test_the_command_is_that_of_the_servo_thread_with_its_corrections(cnc):
         operation = [*system_program("rotary_error_monitor.linuxcnc_controller.operation"), "--mdi", "G0 C120"]
         with subprocess.Popen([*cnc.enter, *operation], env=cnc.environment) as moving:
             correct(lambda: moving.poll() is not None, "the table to turn")
-        correct(lambda: len(blocks) > 5, "what came meanwhile")
+        target = math.radians(120) + CORRECTION["C"]
+        # the command ends within a tolerance of where it is in position, and the last block comes later still
+        correct(
+            lambda: block_of(blocks[-1]).column("angle")[-1] == pytest.approx(target, abs=1e-8), "it to stand there"
+        )
         made = [block_of(each) for each in blocks]
         times = np.concatenate([each.times_ns for each in made])
         angle, speed = (np.concatenate([each.column(name) for each in made]) for name in ("angle", "velocity"))
@@ -752,4 +756,4 @@ def test_the_command_is_that_of_the_servo_thread_with_its_corrections(cnc):
         assert np.abs(periods - np.rint(periods)).max() < 1e-6, "each is what one servo period told"
         late = (times[even] - times[even[0]]) * 1e-9 - np.rint(periods) * SERVO_PERIOD
         assert np.median(np.abs(late - np.median(late))) < 0.1 * SERVO_PERIOD, "a look at any time has a quarter of it"
-        assert angle[-1] == pytest.approx(math.radians(120) + CORRECTION["C"], abs=1e-8)
+        assert angle[-1] == pytest.approx(target, abs=1e-8)
