@@ -58,25 +58,25 @@ CELL_RATES := $(addprefix test/,fuzz soak world test_lacking_recordings.py bags/
 	$(addprefix recordings/test_,cells.py long_recordings.py measured_curves.py) \
 	$(addprefix reproduction/test_,lou2019.py pan2013.py zhou2023.py))
 MODEL_RATES := $(addprefix test/,blind_check $(addprefix analysis/test_,motion.py trend.py) \
-	$(addprefix benchmark/test_,ablation.py power.py) \
+	benchmark/test_power.py \
 	$(addprefix calibration/test_,assembly_contradictions.py assembly_tables.py axis_lines.py axis_table.py \
 	collimator_rates.py head_comparison.py identification.py machine_rates.py steps.py straightness_bounds.py straightness_contradictions.py \
-	straightness_rates.py yaml_text.py) \
+	yaml_text.py) \
 	$(addprefix gap/test_,bounds.py cases.py gross_errors.py) \
-	$(addprefix kinds/,machine/test_diagnosis.py mount/test_departures.py quadrature/test_problem.py) \
+	$(addprefix kinds/,machine/test_diagnosis.py quadrature/test_problem.py) \
 	$(addprefix kinds/stage/test_,admission.py diagnosis.py gradual.py listed_sensors.py motion.py no_gap.py \
 	stretches.py tilt_sensors.py without_autocollimator.py without_heads.py) \
 	$(addprefix metrology/test_,assembly.py axis_fits.py description_check.py positioning_bounds.py spindle_figures.py) \
 	$(addprefix cases/test_,cases.py departures.py mimics.py))
 # Rates that take longest are for whoever changes what they are of, and before a release: `make rates`.
-SWEEPS := $(addprefix test/,analysis/test_probes.py commissioning/test_rates.py \
+SWEEPS := $(addprefix test/,analysis/test_probes.py benchmark/test_ablation.py commissioning/test_rates.py \
 	$(addprefix calibration/test_,assembly_table_rates.py axis_table_rates.py flatness_bound_rates.py machine_sweep.py \
-	straightness_sweep.py) \
+	straightness_rates.py straightness_sweep.py) \
 	$(addprefix faults/test_,common_zero.py listed_sensors.py slow_autocollimators.py stuck_command.py tilt_sensors.py \
 	without_heads.py) \
 	$(addprefix metrology/test_,positioning_bound_rates.py surface_range_rates.py) $(addprefix pipeline/test_,listed_sensors.py listed_tilt.py stage_files.py) recordings/test_compare_rates.py \
 	reproduction/test_pan2013_rates.py \
-	$(addprefix kinds/stage/test_,play.py slow_noise.py stuck_thermometers.py thermometers.py told_departures.py unknown.py waves.py))
+	kinds/mount/test_departures.py $(addprefix kinds/stage/test_,play.py slow_noise.py stuck_thermometers.py thermometers.py told_departures.py unknown.py waves.py))
 RATES := $(CELL_RATES) $(MODEL_RATES) $(SWEEPS)
 # `make test` takes a third of the random stages that these draw (test/draws.py), `make rates` all of them.
 DRAWN := $(addprefix test/,$(addprefix analysis/test_,motion.py trend.py) bags/test_writer.py blind_check/test_blind_check.py \
@@ -96,12 +96,12 @@ COVERED := $(BIN)/python $(if $(MEASURED),-m coverage run)
 
 # What failed stands once more at the end, where half an hour of output ends: whoever reads only that sees it.
 FAILED := build/failed_tests.txt
-# The longest first, one more at a time than processors, for the live ones mostly wait.
+# The longest first, and all at once, so that none is left to run alone: the live ones mostly wait.
 PARTS := test-live test-others test-models-rates test-others-rates test-models
 test: bytecode lint ## lint, type check and all tests, with coverage of at least 90 % (ALSO=test-python312: that beside them)
 	$(if $(MEASURED),$(BIN)/python -m coverage erase)
 	@mkdir -p $(dir $(FAILED)) && : > $(FAILED)
-	FAILED_TESTS=$(CURDIR)/$(FAILED) $(MAKE) --no-print-directory --jobs 4 --keep-going --output-sync=target $(PARTS) $(ALSO) \
+	FAILED_TESTS=$(CURDIR)/$(FAILED) $(MAKE) --no-print-directory --jobs 5 --keep-going --output-sync=target $(PARTS) $(ALSO) \
 		|| { cat $(FAILED); exit 1; }
 	$(if $(MEASURED),$(BIN)/python -m coverage combine --quiet)
 	$(if $(MEASURED),$(BIN)/python -m coverage report)
