@@ -13,12 +13,14 @@ import os
 import sysconfig
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.errors import InputError
+
+Kernel = TypeVar("Kernel")
 
 VARIABLE = "ROTARY_ERROR_MONITOR_KERNEL"
 """Environment variable by which `numpy` is asked for, or `compiled` without anything to stand in for it."""
@@ -71,6 +73,16 @@ def room_library(room: Path) -> tuple[ctypes.CDLL | None, str]:
         InputError: the environment asks for what is not there.
     """
     return load_library(room / NAME, room / "compiled")
+
+
+def kernel_of(room: Path, kernel: Callable[[ctypes.CDLL], Kernel]) -> Kernel | None:
+    """The library of a room as its kernel; None where numpy computes.
+
+    Raises:
+        InputError: the environment asks for what is not there.
+    """
+    library = room_library(room)[0]
+    return None if library is None else kernel(library)
 
 
 def source_digest(folder: Path) -> str:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.libraries import REALS, address, is_plain, room_library
+from rotary_error_monitor.libraries import REALS, address, is_plain, kernel_of
 
 MOST_HEADS = 7  # as in compiled/kernel.c
 
@@ -131,10 +131,5 @@ class Kernel:
 
 @cache
 def chosen_kernel() -> Kernel | None:
-    """The compiled kernel; None where numpy computes.
-
-    Raises:
-        InputError: the environment asks for what is not there.
-    """
-    library = room_library(_ROOM)[0]
-    return None if library is None else Kernel(library)
+    """The compiled kernel, see `kernel_of`; None where numpy computes."""
+    return kernel_of(_ROOM, Kernel)

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.libraries import INTEGERS, REALS, address, is_plain, room_library
+from rotary_error_monitor.libraries import INTEGERS, REALS, address, is_plain, kernel_of
 
 _NO_TIME = -(2**63)
 """What the library says where a time is not finite."""
@@ -133,10 +133,5 @@ class Kernel:
 
 @cache
 def chosen_kernel() -> Kernel | None:
-    """The compiled kernel; None where numpy computes.
-
-    Raises:
-        InputError: the environment asks for what is not there.
-    """
-    library = room_library(_ROOM)[0]
-    return None if library is None else Kernel(library)
+    """The compiled kernel, see `kernel_of`; None where numpy computes."""
+    return kernel_of(_ROOM, Kernel)
