@@ -97,11 +97,11 @@ COVERED := $(BIN)/python $(if $(MEASURED),-m coverage run)
 # What failed stands once more at the end, where half an hour of output ends: whoever reads only that sees it.
 FAILED := build/failed_tests.txt
 # The longest first, and all at once, so that none is left to run alone: the live ones mostly wait.
-PARTS := test-live test-others test-models-rates test-others-rates test-models
-test: bytecode lint ## lint, type check and all tests, with coverage of at least 90 % (ALSO=test-python312: that beside them)
+PARTS := test-live test-others test-models-rates test-others-rates test-models lint
+test: bytecode ## lint, type check and all tests, with coverage of at least 90 % (ALSO=test-python312: that beside them)
 	$(if $(MEASURED),$(BIN)/python -m coverage erase)
 	@mkdir -p $(dir $(FAILED)) && : > $(FAILED)
-	FAILED_TESTS=$(CURDIR)/$(FAILED) $(MAKE) --no-print-directory --jobs 5 --keep-going --output-sync=target $(PARTS) $(ALSO) \
+	FAILED_TESTS=$(CURDIR)/$(FAILED) $(MAKE) --no-print-directory --jobs 6 --keep-going --output-sync=target $(PARTS) $(ALSO) \
 		|| { cat $(FAILED); exit 1; }
 	$(if $(MEASURED),$(BIN)/python -m coverage combine --quiet)
 	$(if $(MEASURED),$(BIN)/python -m coverage report)
@@ -134,9 +134,9 @@ test-python312: ## the same packages with Python 3.12, in build/python312, and a
 	AMENT_PREFIX_PATH=$(CURDIR)/build/python312 $(ON_TIME) build/python312/bin/python -m pytest -q $(PYTEST_ARGS) test/nodes/test_managed.py
 
 lint: setup ## ruff and mypy
-	$(BIN)/ruff check .
-	$(BIN)/ruff format --check .
-	$(BIN)/mypy
+	$(BESIDE) $(BIN)/ruff check .
+	$(BESIDE) $(BIN)/ruff format --check .
+	$(BESIDE) $(BIN)/mypy
 
 fuzz: setup ## damaged bags, YAML and CSV files for FUZZ_MINUTES (10): only clean errors; what fails goes to test/fuzz/corpus
 	$(BIN)/python -m pytest -s -q test/fuzz -o python_files='fuzz_*.py' --no-header
