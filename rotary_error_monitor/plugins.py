@@ -6,14 +6,16 @@ import importlib
 import inspect
 import logging
 import pkgutil
+import sys
 from collections.abc import Iterator
+from functools import cache
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from rotary_error_monitor.errors import InputError
 
 if TYPE_CHECKING:
-    from importlib.metadata import EntryPoint
+    from importlib.metadata import EntryPoint, EntryPoints
 
 _PACKAGE = __name__.partition(".")[0]
 
@@ -63,9 +65,15 @@ def plugged_classes(group: str, base: type[T]) -> Iterator[tuple[str, type[T], s
 
 def plugins_of(group: str) -> tuple[EntryPoint, ...]:
     """The entry points of a group, in the order of their names."""
+    return tuple(sorted(_entry_points(tuple(sys.path)).select(group=group), key=lambda entry: entry.name))
+
+
+@cache
+def _entry_points(path: tuple[str, ...]) -> EntryPoints:
+    """Of all packages on the path, which is `sys.path`: a file of each of them is read, so they are read once."""
     import importlib.metadata  # here, for what has no use of entry points starts sooner without it
 
-    return tuple(sorted(importlib.metadata.entry_points(group=group), key=lambda entry: entry.name))
+    return importlib.metadata.entry_points()
 
 
 def load_plugin(entry: EntryPoint) -> object:

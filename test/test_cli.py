@@ -111,6 +111,18 @@ def test_commands_load_no_general_statistics_before_they_are_needed():
     assert ended.stdout.strip() == "False"
 
 
+def test_what_only_reads_and_estimates_loads_nothing_of_scipy():
+    """It loads for as long as all else that a replay needs."""
+    code = (
+        "import sys, importlib\n"
+        "for name in ('check', 'convert', 'recover', 'replay', 'run', 'up'):\n"
+        "    importlib.import_module(f'rotary_error_monitor.commands.{name}')\n"
+        "print([name for name in sys.modules if name.split('.')[0] == 'scipy'])"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ended.stdout.strip() == "[]"
+
+
 @pytest.mark.parametrize(("given", "used"), [(None, "1"), ("2", "2")])
 def test_linear_algebra_has_one_thread_unless_told_otherwise(given, used):
     """It is told before numpy is loaded, which asks once."""
