@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from rotary_error_monitor.errors import InputError
 
 if TYPE_CHECKING:
-    from importlib.metadata import EntryPoint, EntryPoints
+    from importlib.metadata import EntryPoint
 
 _PACKAGE = __name__.partition(".")[0]
 
@@ -65,15 +65,17 @@ def plugged_classes(group: str, base: type[T]) -> Iterator[tuple[str, type[T], s
 
 def plugins_of(group: str) -> tuple[EntryPoint, ...]:
     """The entry points of a group, in the order of their names."""
-    return tuple(sorted(_entry_points(tuple(sys.path)).select(group=group), key=lambda entry: entry.name))
+    found = [entry for entry in _entry_points(tuple(sys.path)) if entry.group == group]
+    return tuple(sorted(found, key=lambda entry: entry.name))
 
 
 @cache
-def _entry_points(path: tuple[str, ...]) -> EntryPoints:
+def _entry_points(path: tuple[str, ...]) -> tuple[EntryPoint, ...]:
     """Of all packages on the path, which is `sys.path`: a file of each of them is read, so they are read once."""
     import importlib.metadata  # here, for what has no use of entry points starts sooner without it
 
-    return importlib.metadata.entry_points()
+    found = importlib.metadata.entry_points()
+    return tuple(entry for group in found.groups for entry in found.select(group=group))
 
 
 def load_plugin(entry: EntryPoint) -> object:
