@@ -16,27 +16,30 @@ from rotary_error_monitor.start import command
 from rotary_error_monitor.unwinding import unwinding
 
 BAD_INPUT = 2
-COMMANDS = (
-    "run",
-    "run-linuxcnc",
-    "up",
-    "replay",
-    "check",
-    "recover",
-    "convert",
-    "calibrate",
-    "commission",
-    "offset",
-    "analyse",
-    "compare",
-    "trend",
-    "diagnose",
-    "effects",
-    "gap-benchmark",
-    "reproduce",
-    "wire",
-    "security",
-)
+COMMANDS = {
+    "run": "run a machine cell on mock sensors, record and replay it, print what it reached",
+    "run-linuxcnc": "run a five-axis program on a headless LinuxCNC and print the tool error with and without "
+    "correction",
+    "up": "start the nodes that a parameter file names, and keep them running",
+    "replay": "run estimator and compensation over a bag, without ROS",
+    "check": "say whether the description of a stage fits a recording of it",
+    "recover": "make the bag of a recorder that was killed readable again",
+    "convert": "make a bag of third-party drivers' messages one that replay, analyse and diagnose read",
+    "calibrate": "measurements to the machine file, and to the tables that controllers load",
+    "commission": "find out what a newly built stage is like, and write its stage file",
+    "offset": "where a machine's errors put the tool, body by body, and its matrices as formulas",
+    "analyse": "say how good a stage is: error motion values (ISO 230-7) of a recording",
+    "compare": "hold the radial error motion of a recording against an LVDT or displacement probes in it",
+    "trend": "say what changed when: error motion values of all recordings below a folder",
+    "diagnose": "say where, why and how far a recording differs from its digital twin",
+    "effects": "print the effects that a diagnosis can name, with unit, usual size, and what to do about them",
+    "gap-benchmark": "diagnose cases whose truth is sealed in another process, then open and score",
+    "reproduce": "carry out a paper's procedure on a simulation with the paper's numbers, and hold the result against "
+    "it",
+    "wire": "print the topics, types, fields, units and QoS as a Markdown table",
+    "security": "SROS2 policies and keys of a cell, least privilege a node; users of its OPC UA server",
+}
+"""What each does: a list of all needs no command's libraries."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -51,8 +54,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--version", action="version", version=__version__)
     subparsers = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     # a command's libraries take seconds to load: only those of the command that is meant
-    for name in arguments[:1] if arguments[:1] and arguments[0] in COMMANDS else COMMANDS:
-        import_module(f"rotary_error_monitor.commands.{name.replace('-', '_')}").add(subparsers)
+    meant = next((word for word in arguments if word in COMMANDS), None)
+    for name, what in COMMANDS.items():
+        if name == meant:
+            import_module(f"rotary_error_monitor.commands.{name.replace('-', '_')}").add(subparsers)
+        else:
+            subparsers.add_parser(name, help=what)
     chosen = parser.parse_args(arguments)
     try:
         with unwinding():

@@ -6,7 +6,9 @@ import importlib
 import inspect
 import logging
 import pkgutil
+import sys
 from collections.abc import Iterator
+from functools import cache
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -63,9 +65,17 @@ def plugged_classes(group: str, base: type[T]) -> Iterator[tuple[str, type[T], s
 
 def plugins_of(group: str) -> tuple[EntryPoint, ...]:
     """The entry points of a group, in the order of their names."""
+    found = [entry for entry in _entry_points(tuple(sys.path)) if entry.group == group]
+    return tuple(sorted(found, key=lambda entry: entry.name))
+
+
+@cache
+def _entry_points(path: tuple[str, ...]) -> tuple[EntryPoint, ...]:
+    """Of all packages on the path, which is `sys.path`: a file of each of them is read, so they are read once."""
     import importlib.metadata  # here, for what has no use of entry points starts sooner without it
 
-    return tuple(sorted(importlib.metadata.entry_points(group=group), key=lambda entry: entry.name))
+    found = importlib.metadata.entry_points()
+    return tuple(entry for group in found.groups for entry in found.select(group=group))
 
 
 def load_plugin(entry: EntryPoint) -> object:

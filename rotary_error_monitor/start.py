@@ -13,11 +13,17 @@ from __future__ import annotations
 import gc
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from importlib import import_module
+from importlib.machinery import ModuleSpec, PathFinder
+from importlib.util import LazyLoader
+from types import ModuleType
 
 PACKAGE = "rotary_error_monitor"
+
+UNUSED = ("numpy.f2py", "numpy.testing")
+"""Parts of numpy that scipy names as it loads and never uses: to load them takes as long as to load numpy."""
 
 
 def end_at_once() -> None:
@@ -44,9 +50,28 @@ def end_without_collecting() -> None:
     gc.freeze()
 
 
+class _WhenUsed:
+    """Finds the modules `UNUSED`, which are loaded once something in them is asked for."""
+
+    @staticmethod
+    def find_spec(name: str, path: Sequence[str] | None = None, target: ModuleType | None = None) -> ModuleSpec | None:
+        """As finders on `sys.meta_path` do; None of all other modules."""
+        found = PathFinder.find_spec(name, path, target) if name in UNUSED else None
+        if found is not None and found.loader is not None:
+            found.loader = LazyLoader(found.loader)
+        return found
+
+
+def load_when_used() -> None:
+    """Have Python load the modules `UNUSED` only when something in them is asked for."""
+    if _WhenUsed not in sys.meta_path:
+        sys.meta_path.insert(0, _WhenUsed)
+
+
 def command() -> int:
     """Run the command `rotary_error_monitor`; give its exit code."""
     end_at_once()
+    load_when_used()
     collect_rarely()
     try:
         return int(import_module(f"{PACKAGE}.cli").main())
@@ -57,6 +82,7 @@ def command() -> int:
 def node(name: str) -> int:
     """Run the executable of a node until a signal; give its exit code."""
     end_at_once()
+    load_when_used()
     return int(import_module(f"{PACKAGE}.nodes.{name}").main())
 
 

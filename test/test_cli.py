@@ -73,6 +73,56 @@ def test_nodes_load_nothing_of_scipy():
     assert ended.stdout.strip() == "[]"
 
 
+def test_nodes_that_record_nothing_load_nothing_that_writes_bags():
+    """It loads for as long as rclpy itself."""
+    names = sorted(set(node_names()) - {"gap_monitor", "recorder"})
+    code = (
+        "import sys, importlib\n"
+        f"for name in {names}:\n"
+        "    importlib.import_module(f'rotary_error_monitor.nodes.{name}')\n"
+        "print([name for name in sys.modules if name.split('.')[0] == 'mcap'])"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ended.stdout.strip() == "[]"
+
+
+def test_a_list_of_all_commands_loads_none():
+    code = (
+        "import sys\n"
+        "from rotary_error_monitor.cli import main\n"
+        "try:\n    main(['--help'])\n"
+        "except SystemExit:\n"
+        "    print([name for name in sys.modules if name == 'numpy' or 'rotary_error_monitor.commands' in name])"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ended.stdout.splitlines()[-1] == "[]"
+
+
+def test_commands_load_no_general_statistics_before_they_are_needed():
+    """All distributions load for a second or two; what most commands want of them stands beneath."""
+    names = sorted(name.replace("-", "_") for name in COMMANDS)
+    code = (
+        "import sys, importlib\n"
+        f"for name in {names}:\n"
+        "    importlib.import_module(f'rotary_error_monitor.commands.{name}')\n"
+        "print('scipy.stats' in sys.modules)"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ended.stdout.strip() == "False"
+
+
+def test_what_only_reads_and_estimates_loads_nothing_of_scipy():
+    """It loads for as long as all else that a replay needs."""
+    code = (
+        "import sys, importlib\n"
+        "for name in ('check', 'convert', 'recover', 'replay', 'run', 'up'):\n"
+        "    importlib.import_module(f'rotary_error_monitor.commands.{name}')\n"
+        "print([name for name in sys.modules if name.split('.')[0] == 'scipy'])"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ended.stdout.strip() == "[]"
+
+
 @pytest.mark.parametrize(("given", "used"), [(None, "1"), ("2", "2")])
 def test_linear_algebra_has_one_thread_unless_told_otherwise(given, used):
     """It is told before numpy is loaded, which asks once."""

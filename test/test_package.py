@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 from ament_index_python import get_package_prefix, get_package_share_directory
-from checkout import copy_to, node_names
+from checkout import copy_to, node_names, quick_compiler
 
 from rotary_error_monitor.testing.domains import own_domain
 
@@ -28,7 +28,8 @@ def workspace(tmp_path_factory):
     colcon = [sys.executable, "-m", "colcon"]
     kind = subprocess.run([*colcon, "list"], cwd=top, check=True, capture_output=True, text=True).stdout
     assert "(ros.ament_python)" in kind, f"colcon does not see an ament_python package: {kind}"
-    built = subprocess.run([*colcon, "build"], cwd=top, capture_output=True, text=True)
+    environment = {**os.environ, "CC": str(quick_compiler(tmp_path_factory.mktemp("compiler")))}
+    built = subprocess.run([*colcon, "build"], cwd=top, env=environment, capture_output=True, text=True)
     assert built.returncode == 0, built.stdout + built.stderr
     return top
 

@@ -94,6 +94,23 @@ sys.exit(start.command())
 """
 
 
+# What scipy names of numpy is not loaded until somebody uses it, and then is as it always is.
+UNUSED = """
+import sys
+from rotary_error_monitor import start
+start.load_when_used()
+start.load_when_used()
+import numpy, scipy.special
+def loaded(name):
+    return any(module.startswith(name + ".") for module in sys.modules)
+print([name for name in start.UNUSED if loaded(name)])
+import numpy.testing
+from numpy import f2py
+numpy.testing.assert_array_equal([1.0], [1.0])
+print(f2py.__name__, [name for name in start.UNUSED if loaded(name)], len(sys.meta_path) - len(set(sys.meta_path)))
+"""
+
+
 def bag(folder: Path) -> Path:
     """Two seconds of two opposed heads and a command that stand still."""
     wire = load_wire()
@@ -190,6 +207,11 @@ def test_a_module_that_python_runs_itself_is_a_node():
     assert subprocess.run(command, capture_output=True).returncode == 2
     asked = "import rotary_error_monitor.nodes, signal; assert signal.getsignal(2) is signal.default_int_handler"
     subprocess.run([sys.executable, "-c", asked], check=True)
+
+
+def test_what_scipy_never_uses_is_loaded_when_somebody_does():
+    done = subprocess.run([sys.executable, "-W", "error", "-c", UNUSED], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == ["[]", "numpy.f2py ['numpy.f2py', 'numpy.testing'] 0"]
 
 
 def test_who_has_decided_about_a_signal_is_not_overruled():

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import brentq
 from scipy.special import gammaln, logsumexp
-from scipy.stats import chi2
 
 from rotary_error_monitor.arrays import Array
 
@@ -64,6 +63,8 @@ def penalty_of(count: int, false_alarms: float) -> float:
         count: values, 2 at least.
         false_alarms: largest chance that a step or a slope is told where there is none, above 0 and below 1.
     """
+    from scipy.stats import chi2  # loads for a second or two
+
     most_terms = count if count >= LEAST_FOR_SLOPE else count - 1
     terms = np.arange(1, most_terms + 1)
     sets = gammaln(most_terms + 1) - gammaln(terms + 1) - gammaln(most_terms - terms + 1)

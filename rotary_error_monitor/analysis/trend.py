@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
 
 from rotary_error_monitor.analysis.partition import Course, fit_course
 from rotary_error_monitor.arrays import Array, Times
+from rotary_error_monitor.metrology.distributions import chi_square_tail
 from rotary_error_monitor.metrology.spindle_figures import COVERAGE
 
 DAY_NS = 86_400_000_000_000
@@ -162,7 +162,7 @@ def estimate_trend(series: Series, false_alarms: float) -> Trend:
     course = fit_course(days, series.values, series.uncertainties**2, false_alarms)
     freedom = len(days) - len(course.levels) - course.has_slope
     scatter = math.sqrt(course.chi_square / freedom) if freedom > 0 else math.nan
-    unlikely = freedom > 0 and float(chi2.sf(course.chi_square, freedom)) < false_alarms
+    unlikely = freedom > 0 and chi_square_tail(course.chi_square, freedom) < false_alarms
     return Trend(series, course, tuple(_steps(series, course, days, _widening(scatter))), scatter, unlikely)
 
 

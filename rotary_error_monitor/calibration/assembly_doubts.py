@@ -11,10 +11,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.metrology.distributions import chi_square_tail
 from rotary_error_monitor.metrology.mirror_assembly import MirrorAssembly
 from rotary_error_monitor.metrology.ring_assembly import RingAssembly
 from rotary_error_monitor.units import ARCSEC
@@ -208,4 +208,4 @@ def _changed(
         return f"({', '.join(f'{value * scale:.4f}' for value in values)}) ± {std * scale:.4f} {unit}"
 
     sentence = f"{what} was {shown(old, stds[worst][0])} and now is {shown(new, float(stds[worst][1].max()))}"
-    return _Change(name, sentence, float(chi2.sf(square, len(difference))), float(np.abs(difference).max()))
+    return _Change(name, sentence, chi_square_tail(square, len(difference)), float(np.abs(difference).max()))

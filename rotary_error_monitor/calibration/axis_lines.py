@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import chi2
 
 from rotary_error_monitor.calibration.axis_doubts import implausible_lengths, left_handed, less_sure
 from rotary_error_monitor.calibration.axis_location import (
@@ -43,6 +42,7 @@ from rotary_error_monitor.metrology.axis_fits import (
     fit_line_in_space,
 )
 from rotary_error_monitor.metrology.axis_fits import estimate_squareness as squareness_between
+from rotary_error_monitor.metrology.distributions import chi_square_tail
 from rotary_error_monitor.metrology.tracker import TrackerNoise, estimate_point_covariance
 
 FALSE_ALARM = 1e-3
@@ -183,7 +183,7 @@ def _as_scattered(line: LineFit) -> LineFit:
 
 def _scatters(line: LineFit) -> bool:
     freedom = 2 * len(line.departures) - 4  # of points with two directions across a line
-    return bool(chi2.sf(line.ratio**2 * freedom, freedom) < FALSE_ALARM)
+    return bool(chi_square_tail(line.ratio**2 * freedom, freedom) < FALSE_ALARM)
 
 
 def _stray_points(lines: Mapping[str, LineFit]) -> tuple[str, ...]:

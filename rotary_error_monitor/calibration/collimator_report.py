@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import chi2
 
 from rotary_error_monitor.calibration.collimator import CollimatorResult
+from rotary_error_monitor.metrology.distributions import chi_square_tail
 from rotary_error_monitor.metrology.two_axis_calibration import COVERAGE
 from rotary_error_monitor.metrology.two_axis_fit import numbers_of
 from rotary_error_monitor.units import ARCSEC, HOUR
@@ -73,7 +73,7 @@ def axis_gains(result: CollimatorResult) -> tuple[np.ndarray, np.ndarray]:
 def _from_zero(result: CollimatorResult, which: Sequence[int]) -> str:
     """Whether these numbers differ from 0: probability of as much by chance."""
     values, part = numbers_of(result.response)[list(which)], result.calibration.covariance[np.ix_(which, which)]
-    return f"p-value {chi2.sf(float(values @ np.linalg.solve(part, values)), len(which)):.1g}"
+    return f"p-value {chi_square_tail(float(values @ np.linalg.solve(part, values)), len(which)):.1g}"
 
 
 def _drift(result: CollimatorResult) -> list[str]:

@@ -17,7 +17,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import qr
-from scipy.stats import chi2
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.calibration.parameters import Parameter, apply_parameters, value_of
@@ -25,6 +24,7 @@ from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.error_model import predict_tool_offset
 from rotary_error_monitor.machine.kinematics import arrange_machine
+from rotary_error_monitor.metrology.distributions import chi_square_limit, chi_square_up_to
 
 TYPICAL_SIZE = {"m": 10e-6, "rad": 10e-6, "1/K": 10e-6}
 """Errors of an uncalibrated machine tool; the scale of what counts as seen."""
@@ -177,7 +177,7 @@ def identify_machine(start: MachineDescription, parameters: Sequence[Parameter],
         rank=rank,
         condition=float(singular[0] / singular[rank - 1]) if rank else math.inf,
         residual_ratio=math.sqrt(square / freedom),
-        too_small=float(chi2.cdf(square, freedom)),
+        too_small=chi_square_up_to(square, freedom),
     )
 
 
@@ -207,7 +207,7 @@ def check_held_out(start: MachineDescription, parameters: Sequence[Parameter], p
         count=len(rest.positions),
         error=math.sqrt(float(residual @ residual) / residual.size),
         ratio=math.sqrt(square / residual.size),
-        limit=math.sqrt(float(chi2.isf(HELD_OUT_RISK, residual.size)) / residual.size),
+        limit=math.sqrt(chi_square_limit(HELD_OUT_RISK, residual.size) / residual.size),
     )
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from rotary_error_monitor.calibration.reports import ending
 from rotary_error_monitor.calibration.straightness_runs import Placed
@@ -59,7 +59,9 @@ def repeatability_bounds(part: Placed) -> tuple[float, float] | None:
         return None
     square = combined.correlation**2
     freedom = max(1.0, combined.freedom * (1 - square) / (1 + square))
-    low, high = (combined.scatter * math.sqrt(freedom / float(chi2.ppf(tail, freedom))) for tail in (0.975, 0.025))
+    low, high = (
+        combined.scatter * math.sqrt(freedom / float(2 * gammaincinv(0.5 * freedom, tail))) for tail in (0.975, 0.025)
+    )
     return low, high
 
 

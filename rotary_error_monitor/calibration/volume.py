@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import qmc
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.calibration.parameters import without_errors
@@ -98,6 +97,8 @@ def sample_volume(machine: MachineDescription, count: int, limits: Limits | None
     Raises:
         InputError: limits of an axis that the machine has not, or beyond its travel.
     """
+    from scipy.stats import qmc  # loads for a second or two
+
     low, high = _bounds(machine, limits)
     points = qmc.Halton(len(machine.axes), scramble=False).random(count)
     return np.asarray(low + points * (high - low), dtype=np.float64)

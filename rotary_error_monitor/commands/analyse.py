@@ -16,9 +16,7 @@ _EPILOG = (
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Describe the command's arguments."""
-    parser = subparsers.add_parser(
-        "analyse", help="say how good a stage is: error motion values (ISO 230-7) of a recording", epilog=_EPILOG
-    )
+    parser = subparsers.add_parser("analyse", epilog=_EPILOG)
     parser.add_argument("bag", type=Path, metavar="BAG")
     add_question(parser)
     parser.add_argument("--against", type=Path, metavar="OTHER_BAG", help="say what changed since another recording")

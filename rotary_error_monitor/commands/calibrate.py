@@ -58,7 +58,6 @@ def add(subparsers: Subparsers[argparse.ArgumentParser]) -> None:
     """Describe the command's arguments."""
     parser = subparsers.add_parser(
         "calibrate",
-        help="measurements to the machine file, and to the tables that controllers load",
         description="Exit codes: 0 written, 10 what was measured does not fit or is not good, nothing is written "
         "(--force writes it all the same), 2 bad input.",
     )

@@ -16,7 +16,6 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     """Describe the command's arguments."""
     parser = subparsers.add_parser(
         "check",
-        help="say whether the description of a stage fits a recording of it",
         epilog="exit codes: 0 it fits; 10 it does not, or an instrument is wrong; 12 no whole turn; 2 wrong input",
     )
     parser.add_argument("bag", type=Path, metavar="BAG")

@@ -24,7 +24,6 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     """Describe the command's arguments."""
     parser = subparsers.add_parser(
         "commission",
-        help="find out what a newly built stage is like, and write its stage file",
         description="Record a stage with the recorder while it turns at least once each way, slowly, or have a running "
         "cell recorded with --live, which says when that is enough. What was plugged, mounted or set otherwise than "
         "the data sheets say is named and put right in the stage file.",

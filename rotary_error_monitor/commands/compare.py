@@ -18,7 +18,6 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     """Describe the command's arguments."""
     parser = subparsers.add_parser(
         "compare",
-        help="hold the radial error motion of a recording against an LVDT or displacement probes in it",
         epilog=_EPILOG,
     )
     parser.add_argument("bag", type=Path, metavar="BAG")

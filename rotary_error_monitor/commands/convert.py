@@ -16,7 +16,6 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     """Describe the command's arguments."""
     parser = subparsers.add_parser(
         "convert",
-        help="make a bag of third-party drivers' messages one that replay, analyse and diagnose read",
         epilog="exit codes: 0 done; 10 done, and messages were refused or a driver has none; 2 wrong input. BAG stays "
         "as it is.",
     )

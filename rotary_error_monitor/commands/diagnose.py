@@ -29,9 +29,7 @@ _EPILOG = (
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Describe the command's arguments."""
-    parser = subparsers.add_parser(
-        "diagnose", help="say where, why and how far a recording differs from its digital twin", epilog=_EPILOG
-    )
+    parser = subparsers.add_parser("diagnose", epilog=_EPILOG)
     parser.add_argument(
         "bag",
         type=Path,

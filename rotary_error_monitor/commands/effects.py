@@ -10,9 +10,7 @@ from rotary_error_monitor.errors import InputError
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Describe the command's arguments."""
-    parser = subparsers.add_parser(
-        "effects", help="print the effects that a diagnosis can name, with unit, usual size, and what to do about them"
-    )
+    parser = subparsers.add_parser("effects")
     parser.add_argument(
         "section", nargs="?", help="only those of one kind of thing, by the section of its twin, such as stage"
     )

@@ -29,7 +29,6 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     """Describe the command's arguments."""
     parser = subparsers.add_parser(
         "gap-benchmark",
-        help="diagnose cases whose truth is sealed in another process, then open and score",
         epilog="The plant that makes the cases has exact geometry and shares no formula with the twin.",
     )
     parser.add_argument("--seed", type=int, default=1, help="everything is drawn from it (default: 1)")

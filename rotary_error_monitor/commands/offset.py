@@ -33,7 +33,6 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     """Describe the command's arguments."""
     parser = subparsers.add_parser(
         "offset",
-        help="where a machine's errors put the tool, body by body, and its matrices as formulas",
         epilog=_EPILOG,
     )
     parser.add_argument("machine", metavar="MACHINE", help="machine YAML, or the name of one that ships")

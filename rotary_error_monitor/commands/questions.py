@@ -63,8 +63,7 @@ def heights_of(arguments: argparse.Namespace) -> list[float]:
     Raises:
         InputError: one of them is out of range.
     """
-    # what analyses takes long to load, and the help shall not wait for it
-    from rotary_error_monitor.recordings.analysis import HIGHEST, check_height
+    from rotary_error_monitor.pipeline.radial_heights import HIGHEST, check_height  # the help shall not wait for it
 
     for height in arguments.height:
         check_height(height, HIGHEST * 1e3, "mm", f"--height is {height}")

@@ -17,7 +17,6 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     """Describe the command's arguments."""
     parser = subparsers.add_parser(
         "recover",
-        help="make the bag of a recorder that was killed readable again",
         epilog="exit codes: 0 the bag can be read by every tool, and lacks at most the end of a recording that was "
         "not closed; 10 it can be read, but more than that is lost, and the damaged file is kept beside it; 2 no bag, "
         "no room for a copy, or a bag that is being recorded. What cannot be recovered, such as a file that is "

@@ -30,9 +30,7 @@ _EPILOG = (
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Describe the command's arguments."""
-    parser = subparsers.add_parser(
-        "replay", help="run estimator and compensation over a bag, without ROS", epilog=_EPILOG
-    )
+    parser = subparsers.add_parser("replay", epilog=_EPILOG)
     parser.add_argument("bag", type=Path, metavar="BAG")
     parser.add_argument("--twin", type=Path, help="YAML with a section 'stage' (default: config/stage.yaml)")
     parser.add_argument("--machine", help="machine YAML, or the name of one that ships, such as xyzac_trt")

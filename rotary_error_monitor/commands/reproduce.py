@@ -23,7 +23,6 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     """Describe the command's arguments."""
     parser = subparsers.add_parser(
         "reproduce",
-        help="carry out a paper's procedure on a simulation with the paper's numbers, and hold the result against it",
         epilog="exit codes: 0 each statement of the paper that a simulation can keep holds; 10 one does not; 2 wrong "
         "input. " + " ".join(f"{name}: {what}." for name, what in PAPERS.items()),
     )

@@ -20,7 +20,6 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     """Describe the command's arguments."""
     parser = subparsers.add_parser(
         "run",
-        help="run a machine cell on mock sensors, record and replay it, print what it reached",
         description="Exit code 0 where every figure is within its bound, 1 where one is not.",
     )
     parser.add_argument("--duration", type=float, default=21.0, help="of the recording, s (default 21)")

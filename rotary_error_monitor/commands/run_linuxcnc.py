@@ -13,7 +13,6 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     """Describe the command's arguments."""
     parser = subparsers.add_parser(
         "run-linuxcnc",
-        help="run a five-axis program on a headless LinuxCNC and print the tool error with and without correction",
         description="Exit code 0 where the tool error falls as far as it must, 1 where it does not.",
     )
     parser.add_argument("--machine", default="xyzac_trt", help="machine YAML, or the name of one that ships")

@@ -25,9 +25,7 @@ _HIGHEST_DOMAIN = 232
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Describe the command's arguments."""
-    parser = subparsers.add_parser(
-        "security", help="SROS2 policies and keys of a cell, least privilege a node; users of its OPC UA server"
-    )
+    parser = subparsers.add_parser("security")
     actions = parser.add_subparsers(title="what", required=True, metavar="WHAT")
     policy = actions.add_parser("policy", help="print the policy, in the format of SROS2")
     policy.set_defaults(run=run_policy)

@@ -20,9 +20,7 @@ _EPILOG = (
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Describe the command's arguments."""
-    parser = subparsers.add_parser(
-        "trend", help="say what changed when: error motion values of all recordings below a folder", epilog=_EPILOG
-    )
+    parser = subparsers.add_parser("trend", epilog=_EPILOG)
     parser.add_argument("folder", type=Path, metavar="FOLDER", help="with bags below it, at any depth")
     add_question(parser)
     parser.add_argument(

@@ -15,7 +15,6 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     """Describe the command's arguments."""
     parser = subparsers.add_parser(
         "up",
-        help="start the nodes that a parameter file names, and keep them running",
         description="Starts a node for each section of the file (/**/encoder_head_a, /left/compensation, …) with the "
         "file as its parameters, starts again what ends, and ends all in order on SIGINT, SIGTERM or SIGHUP. Exit code "
         "2 where a node's input is wrong at its first start or a sensor that the stage lists has no node, 1 where one "

@@ -9,7 +9,7 @@ from rotary_error_monitor.description.wire import load_wire, markdown_table
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Describe the command's arguments."""
-    parser = subparsers.add_parser("wire", help="print the topics, types, fields, units and QoS as a Markdown table")
+    parser = subparsers.add_parser("wire")
     parser.set_defaults(run=run)
 
 

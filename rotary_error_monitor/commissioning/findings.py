@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
 
 from rotary_error_monitor.commissioning.command import COMMAND
 from rotary_error_monitor.commissioning.found import Found, FoundTilt, Shown
@@ -15,6 +14,7 @@ from rotary_error_monitor.commissioning.layouts import Layout, Weighed
 from rotary_error_monitor.commissioning.streams import Recorded, StreamFigures
 from rotary_error_monitor.commissioning.units import RADIAN, Unit
 from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.metrology.distributions import chi_square_tail
 from rotary_error_monitor.units import ANGLE_UNITS
 
 SIGMAS = 4.0
@@ -86,7 +86,7 @@ def findings_of(
         yield from _signs(stage, found)
     yield from _agreement(found)
     square, count = likeliest.fit.chi_square
-    if chi2.sf(square, count) < MISFIT:
+    if chi_square_tail(square, count) < MISFIT:
         yield Finding(
             f"the heads do not fit a ring at these azimuths: what is left is {math.sqrt(square / count):.1f} times "
             "the noise",
@@ -275,7 +275,7 @@ def _tilt(stage: StageDescription, tilt: FoundTilt) -> Iterator[Finding]:
             "another, the signs of tilt_x and tilt_y)",
         )
         return
-    if tilt.axes is not None and chi2.sf(*tilt.axes.chi_square) < MISFIT:
+    if tilt.axes is not None and chi_square_tail(*tilt.axes.chi_square) < MISFIT:
         yield Finding(
             "the tilt that the stage file states is not what the autocollimator shows",
             settled=False,

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import fftconvolve
+from scipy.fft import irfft, next_fast_len, rfft
 
 Array = NDArray[np.float64]
 
@@ -91,4 +91,7 @@ def smooth_by_correlation(residual: Array, columns: Array) -> Array:
     correlation = np.fft.irfft(spectrum)[:reach] / count
     taper = correlation * (1 - np.arange(reach) / reach)
     kernel = np.concatenate([taper[:0:-1], taper])
-    return np.asarray(fftconvolve(columns, kernel[:, None], mode="same", axes=0))
+    # as scipy.signal.fftconvolve does it, which takes longer to load than a commissioning takes
+    length = next_fast_len(count + len(kernel) - 1, real=True)
+    product = rfft(columns, length, axis=0) * rfft(kernel[:, None], length, axis=0)
+    return np.asarray(irfft(product, length, axis=0)[reach - 1 : reach - 1 + count])

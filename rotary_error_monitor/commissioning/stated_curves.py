@@ -9,7 +9,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import chi2
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.commissioning.heads import HIGHEST
@@ -19,6 +18,7 @@ from rotary_error_monitor.commissioning.ring_model import RingFit, RingPrior, fi
 from rotary_error_monitor.description.stage import PlanarHarmonic, StageDescription
 from rotary_error_monitor.description.table_files import FLATNESS, GRADUATION
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.metrology.distributions import chi_square_tail
 from rotary_error_monitor.metrology.periodic_curves import angular_orders, coefficient_std, planar_orders
 from rotary_error_monitor.units import ARCSEC
 
@@ -103,7 +103,7 @@ def check_ring_curve(
         free = fit_ring(orders, azimuths[list(each.layout.places)], replace(prior, doubt=FREE))
         found.append(_most_off(free, prior.graduation_std(2)))
     square, order, size = min(found)
-    if chi2.sf(square, 2) < MISFIT:
+    if chi_square_tail(square, 2) < MISFIT:
         raise InputError(
             f"{'.'.join(GRADUATION)}: order {order} of this curve is {size * ARCSEC:.3f} arcsec off what the heads "
             f"see, {np.sqrt(square):.0f} standard uncertainties; expected the curve of this ring, counted from where "
@@ -132,7 +132,7 @@ def check_mirror_curve(stage: StageDescription, chi_square: tuple[float, int]) -
     Raises:
         InputError: it does not.
     """
-    if stage.mirror.flatness_table is not None and chi2.sf(*chi_square) < MISFIT:
+    if stage.mirror.flatness_table is not None and chi_square_tail(*chi_square) < MISFIT:
         raise InputError(
             f"{'.'.join(FLATNESS)}: this curve and spindle.tilt together are not what the autocollimator shows, "
             f"{np.sqrt(chi_square[0] / chi_square[1]):.1f} times as far off as they are uncertain; expected both "

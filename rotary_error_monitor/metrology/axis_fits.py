@@ -13,10 +13,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
-from scipy.stats import f as f_distribution
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.metrology.distributions import f_limit
 
 MEDIAN_OF_TWO_SQUARES = 2 * math.log(2)
 """Median of the sum of two squared standard normal values."""
@@ -198,7 +198,7 @@ def find_outlying_points(line: LineFit, false_alarm: float) -> NDArray[np.int64]
     squares = line.departures**2
     scale = float(np.median(squares)) / MEDIAN_OF_TWO_SQUARES
     freedom = max(1.0, MEDIAN_EFFICIENCY * 2 * len(squares))
-    limit = 2 * float(f_distribution.isf(false_alarm / max(1, len(squares)), 2, freedom))
+    limit = 2 * f_limit(false_alarm / max(1, len(squares)), 2, freedom)
     found = np.flatnonzero(squares > limit * scale)
     return np.asarray(found[np.argsort(-squares[found])], dtype=np.int64)
 

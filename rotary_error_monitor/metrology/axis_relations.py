@@ -13,8 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import brentq
-from scipy.special import ndtr
-from scipy.stats import norm
+from scipy.special import ndtr, ndtri
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.metrology.axis_fits import LineFit
@@ -163,7 +162,7 @@ def _propagated(function: Callable[[Array], Array], lines: Sequence[LineFit]) ->
 def _signed(function: Callable[[Array], Array], lines: Sequence[LineFit]) -> Relation:
     value, covariance = _propagated(function, lines)
     uncertainty = math.sqrt(max(float(covariance[0, 0]), 0.0))
-    margin = float(norm.isf((1 - COVERED) / 2)) * uncertainty
+    margin = -float(ndtri((1 - COVERED) / 2)) * uncertainty
     found = float(value[0])
     return Relation(found, uncertainty, found - margin, found + margin)
 
@@ -194,7 +193,7 @@ def size_bounds(value: Array, covariance: Array) -> tuple[float, float]:
     seen, tail = axes.T @ value, (1 - COVERED) / 2
     own = float(np.linalg.norm(spread * seen) / size) if size > 0 else 0.0
     if size > FAR * float(spread[1]):
-        margin = float(norm.isf(tail)) * own
+        margin = -float(ndtri(tail)) * own
         return size - margin, size + margin
 
     def excess(true: float, probability: float) -> float:

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.metrology.distributions import chi_square_tail
 
 LEAST_OVERLAP = 0.15
 """Share of the mirror's length that two placements should share (Zhou et al. 2023, Section 2.1)."""
@@ -48,7 +48,7 @@ class Overlap:
     def probability_beside(self, variance: float) -> float:
         """Of so large a difference, where a cell of either segment has a further `variance`, m²."""
         square = self.cells * self.difference**2 / (self.expected**2 + 2 * variance)
-        return min(1.0, max(self.probability, float(chi2.sf(square, max(1, self.cells - 2)))))
+        return min(1.0, max(self.probability, chi_square_tail(square, max(1, self.cells - 2))))
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ def compare_overlaps(
                 share=(last - first) / length,
                 difference=float(np.sqrt(np.mean(difference**2))),
                 expected=float(np.sqrt(np.mean(variance))),
-                probability=float(chi2.sf(np.sum(difference**2 / variance), max(1, both.sum() - 2))),
+                probability=chi_square_tail(np.sum(difference**2 / variance), max(1, both.sum() - 2)),
                 cells=int(both.sum()),
             )
         )

@@ -28,7 +28,6 @@ from functools import partial
 
 import numpy as np
 from scipy.special import chdtrc, ndtri, stdtrit
-from scipy.stats import qmc
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.metrology.extremes import draw_largest, draw_ranges
@@ -190,6 +189,8 @@ def _bounds(ways: list[_Way], scatter: ScatterDraws, instrument: float) -> dict[
 
 def _normal(columns: int) -> Array:
     """(DRAWS, columns) standard normal, the same each time."""
+    from scipy.stats import qmc  # loads for a second or two
+
     if columns > qmc.Sobol.MAXDIM:
         return np.random.default_rng(1).normal(size=(DRAWS, columns))
     return np.asarray(ndtri(qmc.Sobol(columns, seed=1).random(DRAWS)))

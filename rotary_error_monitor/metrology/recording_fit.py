@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import legendre
-from scipy.stats import chi2
 
 from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.metrology.distributions import chi_square_tail
 from rotary_error_monitor.metrology.rotation_fit import FALSE_ALARM, effective_count
 
 TREND_ORDER = 3
@@ -102,7 +102,7 @@ def judge_recording(
     square = float((residual**2).sum()) / max(1, values)
     described = float(variances.mean())
     freedom = effective_count(residual) * max(1, values) / residual.size
-    probability = float(chi2.sf(freedom * square / (described + reading_variance), freedom))
+    probability = chi_square_tail(freedom * square / (described + reading_variance), freedom)
     trend, direction = _slow_parts(residual, times, speed)
     return RecordingFit(
         ratio=float(np.sqrt(square / described)),

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 from scipy.special import gammainccinv, gammaincinv
-from scipy.stats import f as f_distribution
 
 from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.metrology.distributions import f_tail
 
 Shapes = NDArray[np.complex128]
 
@@ -278,7 +278,7 @@ def significant(value: Array, covariance: Array, freedom: int, tried: int) -> bo
     Its covariance is known by `freedom` degrees of freedom.
     """
     statistic = float(value @ np.linalg.solve(covariance, value)) / len(value)
-    return bool(f_distribution.sf(statistic, len(value), max(1, freedom)) < FALSE_ALARM / max(1, tried))
+    return bool(f_tail(statistic, len(value), max(1, freedom)) < FALSE_ALARM / max(1, tried))
 
 
 def effective_count(residual: Array) -> float:

@@ -12,9 +12,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
 
 from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.metrology.distributions import chi_square_tail
 from rotary_error_monitor.metrology.repeated_runs import FALSE_ALARM, ROUNDING, RepeatedRuns
 
 REPEATABLE = 3.0
@@ -59,7 +59,7 @@ def disagreeing_runs(combined: RepeatedRuns, runs: int, noise: float) -> Disagre
     if combined.uncertainty is None or freedom < 1:
         return None
     expected = noise * math.hypot(1, REPEATABLE)
-    probability = float(chi2.sf(freedom * (combined.scatter / expected) ** 2, freedom))
+    probability = chi_square_tail(freedom * (combined.scatter / expected) ** 2, freedom)
     if probability >= FALSE_ALARM:
         return None
     return Disagreement(combined.scatter, expected, probability, combined.largest_deviation)
@@ -84,7 +84,7 @@ def disagreeing_directions(combined: RepeatedRuns, noise: float) -> Disagreement
     variance = 4 * float(combined.weights.mean()) * max(noise * math.hypot(1, REPEATABLE), combined.scatter) ** 2
     curve = float(np.sqrt(np.mean(without_line(combined.positions, combined.mean) ** 2)))
     expected = math.hypot(math.sqrt(variance), REVERSED * curve)
-    probability = float(chi2.sf(SHAPES * (size / expected) ** 2, SHAPES))
+    probability = chi_square_tail(SHAPES * (size / expected) ** 2, SHAPES)
     if probability >= FALSE_ALARM:
         return None
     return Disagreement(size, expected, probability, float(np.abs(difference).max()) / 2)
@@ -99,7 +99,7 @@ def unrepeated_doubt(combined: RepeatedRuns, noise: float) -> float:
         return 0.0
     half = without_line(combined.positions, combined.reversal) / 2
     variance = noise**2 * combined.weights
-    if chi2.sf(float(np.sum(half**2 / variance)), max(1, len(half) - 2)) >= FALSE_ALARM:
+    if chi_square_tail(float(np.sum(half**2 / variance)), max(1, len(half) - 2)) >= FALSE_ALARM:
         return 0.0
     return math.sqrt(max(0.0, float(np.mean(half**2 - variance))))
 

@@ -23,7 +23,6 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtrit
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.metrology.turns import TurnProfiles, TurnSummary
@@ -106,6 +105,8 @@ def estimate_values(
         keeps_fundamental: whether the once-per-turn component is error motion (axial, face, tilt in a fixed direction),
             not a matter of setting up.
     """
+    from scipy.special import stdtrit  # loads for a third of a second, and a replay tells no values
+
     count = turns.count
     if count == 0:
         return {}

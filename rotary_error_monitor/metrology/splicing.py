@@ -20,10 +20,10 @@ import numpy as np
 from scipy.interpolate import BSpline
 from scipy.linalg import cho_factor, cho_solve, cho_solve_banded, cholesky_banded
 from scipy.sparse import csr_array
-from scipy.stats import chi2
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.metrology.distributions import chi_square_tail
 from rotary_error_monitor.metrology.overlaps import Overlap, Residual, compare_overlaps, overlap_warnings
 from rotary_error_monitor.metrology.reference_mirror import (
     MIRROR_RANGE,
@@ -178,7 +178,7 @@ def _shows_detail(parts: Sequence[PlacedSegment], solution: _Solution) -> bool:
     square = sum(float(((_residual(part, k, solution) / part.noise) ** 2).sum()) for k, part in enumerate(parts))
     readings = sum(part.positions.size for part in parts)
     unknowns = len(solution.spline.c) + 2 * (len(parts) - 1)
-    return readings > unknowns and float(chi2.sf(square, readings - unknowns)) < DETAIL
+    return readings > unknowns and chi_square_tail(square, readings - unknowns) < DETAIL
 
 
 def _fine_knots(parts: Sequence[PlacedSegment]) -> Array:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.units import TURN
@@ -175,6 +174,8 @@ class RunCutter:
 
     def _filter(self) -> None:
         """Filter what has all its neighbours."""
+        from scipy.ndimage import gaussian_filter1d  # loads for a third of a second, and a replay cuts no turns
+
         assert self._even is not None
         reach, fine = self._grid.reach, self._grid.fine
         until = self._next if self._ended else self._next - reach

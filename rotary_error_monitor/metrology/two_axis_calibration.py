@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
-from scipy.stats import chi2, f
 
 from rotary_error_monitor.arrays import Array, Mask
 from rotary_error_monitor.description.response import Response
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.metrology.distributions import chi_square_limit, chi_square_tail, f_limit
 from rotary_error_monitor.metrology.positioning import MEDIAN_OF_ABSOLUTE_NORMAL, SCALE_EFFICIENCY
 from rotary_error_monitor.metrology.repeated_runs import FALSE_ALARM
 from rotary_error_monitor.metrology.two_axis_fit import Fit, Reference, fit_steps, numbers_of, response_from
@@ -97,7 +97,7 @@ class TwoAxisCalibration:
     @property
     def probability(self) -> float:
         """Of so much being left by chance, if reference and noise are as stated."""
-        return float(chi2.sf(self.fit.chi_square, self.fit.freedom))
+        return chi_square_tail(self.fit.chi_square, self.fit.freedom)
 
     @property
     def residual(self) -> Array:
@@ -167,7 +167,7 @@ def calibrate_two_axes(steps: StepReadings, instrument: Instrument, reference: R
         variances = variances * repeat**2
         fit = fit_steps(steps, ~flat, variances, reference)
     chance = FALSE_ALARM / int((~flat).sum())
-    limit = float(chi2.isf(chance, 2) if freedom < FEWEST_READINGS else 2 * f.isf(chance, 2, freedom))
+    limit = float(chi_square_limit(chance, 2) if freedom < FEWEST_READINGS else 2 * f_limit(chance, 2, freedom))
     outliers, used, fit = _without_outliers(steps, fit, ~flat, limit, variances, reference)
     short = [step for step in outliers if _is_short(steps, fit, used, step)]
     outliers = [step for step in outliers if step not in short]

@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -17,7 +17,6 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.task import Future
 
-from rotary_error_monitor.bags.part import Recordable
 from rotary_error_monitor.codec.cdr_blocks import BlockDecoder
 from rotary_error_monitor.description.wire import Topic, Wire
 from rotary_error_monitor.errors import InputError
@@ -26,6 +25,9 @@ from rotary_error_monitor.nodes.publishers import Listening
 from rotary_error_monitor.nodes.qos import OVERRIDABLE, profile
 from rotary_error_monitor.nodes.worker import MessageInfo, NotByExecutor, Worker
 from rotary_error_monitor.signals.blocks import SampleBlock
+
+if TYPE_CHECKING:  # what writes bags takes as long to load as all of rclpy
+    from rotary_error_monitor.bags.part import Recordable
 
 SIM_TIME = "use_sim_time"
 

@@ -29,7 +29,7 @@ from rotary_error_monitor.arrays import Array, Mask
 from rotary_error_monitor.codec.cdr_blocks import encode_block
 from rotary_error_monitor.description.wire import Topic
 from rotary_error_monitor.errors import InputError, excerpt
-from rotary_error_monitor.pipeline.joints import joint_motion_of
+from rotary_error_monitor.pipeline.joint_motion import joint_motion_of
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 
 Message: TypeAlias = Any

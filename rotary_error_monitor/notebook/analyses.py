@@ -18,7 +18,8 @@ from rotary_error_monitor.notebook.pictures import Figures
 from rotary_error_monitor.notebook.read_only import sealed
 from rotary_error_monitor.notebook.recording import Recording, Topics, bag_of
 from rotary_error_monitor.notebook.tables import Units, scaled, table_of_rows
-from rotary_error_monitor.recordings.analysis import HIGHEST, FileAnalysis, Question, check_height, check_waves
+from rotary_error_monitor.pipeline.radial_heights import HIGHEST, check_height
+from rotary_error_monitor.recordings.analysis import FileAnalysis, Question, check_waves
 from rotary_error_monitor.recordings.formats import outputs_of
 from rotary_error_monitor.report.analysis import changes_sentence, verdict_box, verdict_sentence
 

@@ -21,8 +21,8 @@ from rotary_error_monitor.notebook.read_only import ReadOnly, sealed
 from rotary_error_monitor.notebook.recording import Recording, Topics, bag_of
 from rotary_error_monitor.notebook.tables import Units, table_over_time, units_in
 from rotary_error_monitor.pipeline.estimation import EstimatorSettings
+from rotary_error_monitor.pipeline.radial_heights import HIGHEST, check_height
 from rotary_error_monitor.pipeline.verdict import DOUBTS
-from rotary_error_monitor.recordings.analysis import HIGHEST, check_height
 from rotary_error_monitor.recordings.replay import check_estimated, period_of, replay_bag
 from rotary_error_monitor.recordings.replayed import Replay
 from rotary_error_monitor.report.page import table

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.error_motion import ErrorMotion, radial_covariance_at, radial_error_motion_at
 from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
 
@@ -17,6 +18,16 @@ COLUMNS = ("height", "radial_x", "radial_y", "observable", "var_x", "var_y", "co
 
 HIGHEST = 10.0
 """Height above the ring, m, that no stage is larger than."""
+
+
+def check_height(height: float, most: float, unit: str, told: str) -> None:
+    """Refuse a height that no stage has; `told` says what was given and how, such as `--height is 20000`.
+
+    Raises:
+        InputError: it is farther from the ring than `most`, `HIGHEST` in its unit, or no number.
+    """
+    if not abs(height) <= most:
+        raise InputError(f"{told}; it must be a height above the ring in {unit}, at most {HIGHEST:g} m")
 
 
 def radial_block(motion: ErrorMotion, heights: Sequence[float]) -> SampleBlock:

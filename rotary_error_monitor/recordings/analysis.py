@@ -26,7 +26,6 @@ from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.files import check_outputs, check_places, write_all
 from rotary_error_monitor.metrology.turns import LEAST_WAVES, MOST_WAVES
 from rotary_error_monitor.pipeline.estimation import AUTOCOLLIMATOR
-from rotary_error_monitor.pipeline.radial_heights import HIGHEST as HIGHEST
 from rotary_error_monitor.recordings.long_estimates import ReplayedEstimates
 from rotary_error_monitor.recordings.progress import Progress, silent
 from rotary_error_monitor.recordings.replay import check_estimated, replay_long
@@ -57,16 +56,6 @@ class Question:
     heights: Sequence[float] = ()
     most_waves: int = MOST_WAVES
     naming: Naming = THE_ONLY_CELL
-
-
-def check_height(height: float, most: float, unit: str, told: str) -> None:
-    """Refuse a height that no stage has; `told` says what was given and how, such as `--height is 20000`.
-
-    Raises:
-        InputError: it is farther from the ring than `most`, `HIGHEST` in its unit, or no number.
-    """
-    if not abs(height) <= most:
-        raise InputError(f"{told}; it must be a height above the ring in {unit}, at most {HIGHEST:g} m")
 
 
 def check_waves(waves: float, told: str) -> None:

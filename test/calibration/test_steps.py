@@ -544,11 +544,11 @@ def test_what_the_uncertainty_of_a_file_leaves(machine: Path, capsys: pytest.Cap
     content["machine"]["uncertainty"] = {"location.linear": 2e-6}
     machine.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
     with computing_by("numpy"):
-        assert run("errors", machine, "--uncertainty", 3000) == 0
+        assert run("errors", machine, "--uncertainty", 300) == 0
     told = capsys.readouterr()
     assert "note: the machine model is computed by numpy, which is slower" in told.err
     found = re.search(
-        r"3000 poses: (\S+) µm rms.*\n.*: (\S+) µm rms, (\S+) µm at most\n95 %.* (\S+) µm everywhere$", told.out.strip()
+        r" 300 poses: (\S+) µm rms.*\n.*: (\S+) µm rms, (\S+) µm at most\n95 %.* (\S+) µm everywhere$", told.out.strip()
     )
     assert found, told.out
     # Five bodies that move, three directions each.

@@ -80,6 +80,7 @@ class Place:
         return drivers
 
     def end(self) -> None:
+        """End all that still runs."""
         for running in reversed(self._running):
             if running.process.poll() is None:
                 running.process.send_signal(signal.SIGINT)

@@ -52,7 +52,8 @@ def wheel(sdist, tmp_path_factory):
     with tarfile.open(sdist) as archive:
         archive.extractall(folder, filter="data")
     (source,) = folder.iterdir()
-    return built("build_wheel", source, tmp_path_factory.mktemp("wheel"))
+    compiler = checkout.quick_compiler(tmp_path_factory.mktemp("compiler"))
+    return built("build_wheel", source, tmp_path_factory.mktemp("wheel"), CC=str(compiler))
 
 
 @pytest.fixture(scope="module")

@@ -36,16 +36,16 @@ def test_noise_of_the_thermometer_is_no_gap(stage_problem, monkeypatch):
     Without that among the uncertain parameters, and where slow noise is not learnt either, it does.
     """
 
+    drawn = []
+    for seed in range(501, 507):
+        problem, _ = stage_problem(seed, "null", duration=40.0)
+        read = problem.recording.streams["temperature"]
+        noise = 0.15 * np.random.default_rng(seed).normal(size=read.values.shape)
+        streams = {**problem.recording.streams, "temperature": Stream(read.time, read.values + noise)}
+        drawn.append((problem.stage, dataclasses.replace(problem.recording, streams=streams)))
+
     def verdicts():
-        found = []
-        for seed in range(501, 507):
-            problem, _ = stage_problem(seed, "null", duration=40.0)
-            read = problem.recording.streams["temperature"]
-            noise = 0.15 * np.random.default_rng(seed).normal(size=read.values.shape)
-            streams = {**problem.recording.streams, "temperature": Stream(read.time, read.values + noise)}
-            noisy = dataclasses.replace(problem.recording, streams=streams)
-            found.append(diagnose(StageProblem(problem.stage, noisy, EFFECTS)).verdict)
-        return found
+        return [diagnose(StageProblem(stage, noisy, EFFECTS)).verdict for stage, noisy in drawn]
 
     assert verdicts().count(Verdict.NO_GAP) >= 5
     monkeypatch.setattr("rotary_error_monitor.kinds.stage.problem.uncertain_warmings", lambda twin, recording: ())
