@@ -219,7 +219,7 @@ def test_mistakes_that_explain_nothing_need_no_reckoning(own, monkeypatch):
 
 @pytest.mark.parametrize("name", list(MIRRORED))
 def test_a_mistake_that_has_ended_is_taken_out_and_the_rest_stays(name):
-    """Of two turns the first is as described, a part of the second is mistaken: what was seen before it counts again."""
+    """Of two turns the first is as described, a part of the second mistaken: what was seen before it counts again."""
     told = 0
     for seed in range(20):
         theta, described, true, _ = stage(seed, anywhere, 1.0)
