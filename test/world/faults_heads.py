@@ -163,8 +163,9 @@ def _copied(draw: Draw) -> Change:
     other = str(draw.rng.choice([name for name in draw.recording.head_topics if name != who]))
     blocks, arrivals = draw.recording.blocks, draw.recording.arrivals
     i, j = (blocks_from(blocks[topic], begin) for topic in (who, other))
-    changed = [*blocks[who][:i], *blocks[other][j:]], np.concatenate([arrivals[who][:i], arrivals[other][j:]])
-    return Change({who: changed}, begin, 1.0, "heads", detail={"other": other})
+    arrived = np.maximum.accumulate(np.concatenate([arrivals[who][:i], arrivals[other][j:]]))
+    changed = [*blocks[who][:i], *blocks[other][j:]]
+    return Change({who: (changed, arrived)}, begin, 1.0, "heads", detail={"other": other})
 
 
 def dies(name: str, sentence: str, who: str, when: str) -> Fault:
