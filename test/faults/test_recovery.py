@@ -23,7 +23,7 @@ from faults.ending import Ended, ended_of
 from faults.recordings import MOST_WRONG
 from rotary_error_monitor.description.stage_limits import StageLimits
 
-STAGES = 12 if ALL else 2
+STAGES = 12 if ALL else 3
 """Stages of each kind of case."""
 
 MOST_MISSING = 0.3
