@@ -72,7 +72,7 @@ MODEL_RATES := $(addprefix test/,blind_check $(addprefix analysis/test_,motion.p
 SWEEPS := $(addprefix test/,analysis/test_probes.py benchmark/test_ablation.py commissioning/test_rates.py \
 	$(addprefix calibration/test_,assembly_table_rates.py axis_table_rates.py flatness_bound_rates.py machine_sweep.py \
 	straightness_rates.py straightness_sweep.py) \
-	$(addprefix faults/test_,common_zero.py late_heads.py listed_sensors.py slow_autocollimators.py stuck_command.py tilt_sensors.py \
+	$(addprefix faults/test_,late_heads.py listed_sensors.py slow_autocollimators.py stuck_command.py tilt_sensors.py \
 	without_heads.py) \
 	$(addprefix metrology/test_,positioning_bound_rates.py surface_range_rates.py) $(addprefix pipeline/test_,listed_sensors.py listed_tilt.py stage_files.py) recordings/test_compare_rates.py \
 	reproduction/test_pan2013_rates.py reproduction/test_zhou2023.py \
@@ -82,7 +82,8 @@ RATES := $(CELL_RATES) $(MODEL_RATES) $(SWEEPS)
 DRAWN := $(addprefix test/,$(addprefix analysis/test_,motion.py trend.py) bags/test_writer.py blind_check/test_blind_check.py \
 	$(addprefix calibration/test_,assembly_contradictions.py axis_table.py collimator_rates.py straightness_contradictions.py) \
 	$(addprefix cases/test_,cases.py departures.py mimics.py) $(addprefix commissioning/test_,command.py measured_curves.py travel.py) \
-	$(addprefix faults/test_,begin.py calibrated.py ends.py few_heads.py gaps.py recordings.py responses.py) \
+	$(addprefix faults/test_,all_late.py begin.py calibrated.py common_zero.py ends.py few_heads.py gaps.py recordings.py \
+	recovery.py responses.py) \
 	kinds/quadrature/test_problem.py $(addprefix kinds/stage/test_,admission.py diagnosis.py gradual.py listed_sensors.py \
 	motion.py rounding.py without_autocollimator.py) machine/test_uncertainty_rates.py nodes/test_stage_files.py $(addprefix metrology/test_,assembly.py \
 	spindle_figures.py))

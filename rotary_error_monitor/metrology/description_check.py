@@ -20,6 +20,8 @@ and what else the turn shows that is not described.
 
 from __future__ import annotations
 
+import cmath
+import copy
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -102,11 +104,19 @@ class Finding:
         mistake: what it is, in words.
         left: root mean square of what the description leaves unexplained, m or rad.
         explained: part of its square that the mistake explains.
+        shown: what it makes of a described vector: factors of the vector and of its conjugate, and what it adds that
+            turns with the rotor, at rotation 0.
     """
 
     mistake: str
     left: float
     explained: float
+    shown: tuple[complex, complex, complex] = (1.0, 0.0, 0.0)
+
+    def shows(self, theta: float, described: complex) -> complex:
+        """What is read with the mistake at a rotation (rad) in the place of a described vector."""
+        turned, mirrored, added = self.shown
+        return turned * described + mirrored * described.conjugate() + added * cmath.exp(1j * theta)
 
 
 class Reading(NamedTuple):
@@ -126,12 +136,16 @@ class Reading(NamedTuple):
 
 
 class _Rival(NamedTuple):
-    """An explanation beside the description: sum of squares, angles left to tell it, the difference that it makes."""
+    """An explanation beside the description: sum of squares, angles left to tell it, the difference that it makes.
+
+    `shown` as of `Finding`.
+    """
 
     name: str
     square: float
     freedom: int
     difference: float
+    shown: tuple[complex, complex, complex]
 
 
 class FigureCheck:
@@ -165,7 +179,7 @@ class FigureCheck:
         factors = np.array(list(mistakes.values()), np.complex128).reshape(-1, 2).T[:, :, None]
         self._reading = Reading(*factors)
         # of each mistake, as single numbers: so few are faster one by one
-        pairs = [(complex(each.turned), complex(each.mirrored)) for each in mistakes.values()]
+        self._factors = pairs = [(complex(each.turned), complex(each.mirrored)) for each in mistakes.values()]
         self._conjugates = [(t.conjugate(), m.conjugate(), abs(t) ** 2 + abs(m) ** 2) for t, m in pairs]
         self._noise = max(noise, LEAST_NOISE)
         self._fixed, self._fixed_name, self._claim = fixed, fixed_name, claim
@@ -210,6 +224,30 @@ class FigureCheck:
                 self.covered, any_new = (BINS - counts.count(0)) / BINS, True
         return any_new
 
+    def copy(self) -> FigureCheck:
+        """What was seen up to now, for `mend`."""
+        kept = copy.copy(self)
+        kept._take(self)
+        return kept
+
+    def _take(self, other: FigureCheck) -> None:
+        self._seen, self._described, self._turned = other._seen[:], other._described[:], other._turned[:]
+        self._count = other._count[:]
+
+    def mend(self, finding: Finding, before: FigureCheck) -> None:
+        """Forget what a mistake explains better than the description; there counts what was seen `before`."""
+        wrong = [place for place in range(BINS) if self._is_mistaken(place, finding)]
+        for place in wrong:
+            fine = before._count[place] > 0 and not before._is_mistaken(place, finding)
+            self._count[place] = before._count[place] if fine else 0
+            self._seen[place], self._described[place] = before._seen[place], before._described[place]
+            self._turned[place] = before._turned[place]
+        self.covered, self._last = (BINS - self._count.count(0)) / BINS, -1
+
+    def _is_mistaken(self, place: int, finding: Finding) -> bool:
+        seen, described, theta = self._seen[place], self._described[place], cmath.phase(self._turned[place])
+        return self._count[place] > 0 and abs(seen - finding.shows(theta, described)) < abs(seen - described)
+
     def judge(self, deviation: float = 0.0) -> Finding | None:
         """The mistake that explains most of what the description leaves; None where none does.
 
@@ -233,7 +271,8 @@ class FigureCheck:
             self.unresolved *= math.sqrt(self._claim.doubt(abs(vector), rest, deviation))
         best, highest, penalty = None, ODDS, math.log(angles)
         rivals = [] if self._explain_nothing(seen, described, total) else self._wrong_readings(seen, described)
-        for name, square, freedom, difference in (*rivals, *self._fitted(seen, described, vector * turned)):
+        rivals += self._fitted(seen, described, vector * turned, vector)
+        for name, square, freedom, difference, shown in rivals:
             explained = 1.0 - max(square, least) / total
             # what was fitted pays for its freedom (Schwarz 1978)
             odds = -freedom * math.log1p(-explained) - (angles - freedom) * penalty
@@ -241,7 +280,7 @@ class FigureCheck:
                 continue
             self.unresolved = max(self.unresolved, difference * math.sqrt(_probability(odds)))
             if odds >= highest and explained >= LEAST_PART and difference > self._fixed:
-                best, highest = Finding(name, math.sqrt(total / angles), explained), odds
+                best, highest = Finding(name, math.sqrt(total / angles), explained, shown), odds
         return None if best is None or best.left < FINDING * self._noise else best
 
     def _explain_nothing(self, seen: Array, described: Array, total: float) -> bool:
@@ -261,25 +300,26 @@ class FigureCheck:
         shown = self._reading(described)
         squares = _squares(np.concatenate([seen - shown, shown - described]))
         return [
-            _Rival(name, squares[k], angles, math.sqrt(squares[k + len(shown)] / angles))
+            _Rival(name, squares[k], angles, math.sqrt(squares[k + len(shown)] / angles), (*self._factors[k], 0.0))
             for k, name in enumerate(self._mistakes)
         ]
 
-    def _fitted(self, seen: Array, described: Array, turning: Array) -> list[_Rival]:
-        """What was fitted: the vector that turns with the rotor, a scale and a turn."""
+    def _fitted(self, seen: Array, described: Array, turning: Array, vector: complex) -> list[_Rival]:
+        """What was fitted: the vector that turns with the rotor, `turning` as it does, a scale and a turn."""
         angles, found = len(seen), list[_Rival]()
         if angles < FEWEST:
             return found
-        differs = abs(complex(turning[0]))
+        differs = abs(vector)
         if differs > self._fixed:
             name = f"{self._fixed_name} differs by {differs:.3g}"
-            found.append(_Rival(name, _square(seen - described - turning), angles - 1, differs))
+            found.append(_Rival(name, _square(seen - described - turning), angles - 1, differs, (1.0, 0.0, vector)))
         size = _square(described)
         scale = complex((seen * described.conj()).sum()) / size if size > 0.0 else 1.0 + 0j
         if abs(scale - 1.0) > LEAST_PART:
             name = f"what is read is {abs(scale):.3g} times what is described, turned by {_degrees(scale):.3g}°"
             difference = _size((scale - 1.0) * described)
-            found.append(_Rival(name, _square(seen - scale * described), angles - 1, difference))
+            square = _square(seen - scale * described)
+            found.append(_Rival(name, square, angles - 1, difference, (scale, 0.0, 0.0)))
         return found
 
 

@@ -100,9 +100,8 @@ class Compensation(ManagedNode):
         now_ns = self.now_ns()
         self._check_arrival(self._joints, stamp_ns, now_ns)
         self._joints.observe_stamp(stamp_ns, now_ns)
-        self._compensator.accept_joint_state(stamp_ns, positions, velocities)
-        if doubt := self._compensator.joints.doubt:
-            self._joints.refuse(doubt)
+        if why := self._compensator.accept_joint_state(stamp_ns, positions, velocities):
+            self._joints.refuse(why)
 
     def _receive_temperature(self, message: Temperature) -> None:
         if self.listening.is_shared(self._temperature):

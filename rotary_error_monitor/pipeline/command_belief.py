@@ -7,6 +7,7 @@ import operator
 from collections import deque
 from collections.abc import Sequence
 from itertools import pairwise
+from statistics import median
 
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.pipeline.evidence import LONG, SHORT, Reach, Window, Windows
@@ -15,9 +16,13 @@ from rotary_error_monitor.pipeline.ring_belief import ABSENT
 from rotary_error_monitor.pipeline.speed_slope import SpeedSlope
 from rotary_error_monitor.pipeline.trailing import Trailing
 from rotary_error_monitor.pipeline.turn_memory import TurnMemory
+from rotary_error_monitor.pipeline.usual_level import UsualLevel
 
 STEADY = 0.25
 """Part of the largest following error by which rotation and command may come apart within a window."""
+
+RETURNED = 0.3
+"""Part of a step, or of what a delay makes, within which the distance counts as back where it was."""
 
 STANDS = 1e-3
 """Part of the way that it should have gone by which a command has gone at most if it stands."""
@@ -66,6 +71,8 @@ class CommandBelief:
         self._zero = _ZeroKeeping()
         self._distances: list[float] = []  # of the last two windows
         self._slope = SpeedSlope(10 * LONG)
+        self._usual = UsualLevel()
+        self._delays: deque[float] = deque(maxlen=10 * LONG // SHORT)  # of as long a time
 
     def retract(self, *, doubt: bool) -> None:
         """Forget the last windows, which came of a wrong head; with `doubt`, what was doubted by them as well."""
@@ -108,21 +115,49 @@ class CommandBelief:
         if self._zero.open or not step:  # a step just behind a silence as well: what was before is before both
             step = self._moved_in_silence(window, last, speed, scatter) or step
         wrong = self._beyond(window, speed) or (self._stuck(window, last) if whole else "") or step
+        late = ""
         if not wrong:
             self._measure(window.number, [window.mean.theta], [window.mean.ecc], [window.scatter.ecc])
-            wrong = self._measure_delay(window)
+            late = self._measure_delay(window)
+        usual = bool(self.doubt) and self._is_usual(window.mean.ecc, speed)
+        wrong = wrong or ("" if usual else late)
         if wrong and not self.doubt:
             self._before = (window.mean.ecc - self._zero.latest if self._zero.open else last.mean.ecc) if step else None
+            self._size = self._size if step else 0.0
         if wrong:
             self.doubt, self._agreeing = self.doubt if self.doubt and step else wrong, 0.0
         elif self.doubt:
             # after a step only the return to what was before it tells that it is over
-            back = self._before is None or abs(window.mean.ecc - self._before) <= 0.3 * self._size
+            back = usual or self._before is None or abs(window.mean.ecc - self._before) <= RETURNED * self._size
             self._agreeing = self._agreeing + window.duration if back else 0.0
             if self._agreeing >= AGREEMENT:
-                self.doubt = ""
-                self._zero.begin(sound=False)
+                self._believe_again(usual, late)
+        else:
+            self._usual.add((window.mean.ecc + self.delay * speed, 0.0))
         self._settle(speed, self._scatter(window), window.mean.ecc, window.duration)
+
+    def _believe_again(self, usual: bool, late: str) -> None:
+        self.doubt = ""
+        if usual:  # what was kept of each angle may hold the fault, which was not seen as it began
+            self._zero = _ZeroKeeping()
+        self._zero.begin(sound=False)
+        if late:  # by windows of the fault, which the slope still holds
+            self.delay = self._usual_delay
+            self._slope.restore(-self.delay)
+
+    @property
+    def _usual_delay(self) -> float:
+        return median(self._delays) if self._delays else 0.0
+
+    def _is_usual(self, distance: float, speed: float) -> bool:
+        """Whether a distance is what it was most of the time, at the delay that was seen then.
+
+        So the end of a fault is told from its begin where that was not seen: it crept in, or was small. It is near to
+        what was usual against the step that ended it, or against what a delay would make if it were real.
+        """
+        delay = self._usual_delay
+        near = RETURNED * max(self._size, abs((self.delay - delay) * speed))
+        return self._usual.is_at((distance + delay * speed, 0.0), min(near, STEADY * self._limits.following_error))
 
     def foresee(self, windows: Windows) -> None:
         """Make ready for windows that are to be judged."""
@@ -160,7 +195,9 @@ class CommandBelief:
             if place == len(windows):
                 self.doubt = self._measure_delay(windows.last)
                 if self.doubt:
-                    self._before, self._agreeing = None, 0.0
+                    self._before, self._agreeing, self._size = None, 0.0, 0.0
+            if not self.doubt:
+                self._usual.add((distance + self.delay * speed, 0.0))
             self._settle(speed, scatter, distance, duration)
             found.append((self.lag, self.reach))
         return found
@@ -273,6 +310,8 @@ class CommandBelief:
         if window.number % SHORT == 0 and len(self._slope) >= SHORT:
             self._slope.measure(window.duration)
             self.delay = -float(self._slope.value[0])
+            if not self.doubt:
+                self._delays.append(self.delay)
         return self._late()
 
     def _late(self) -> str:

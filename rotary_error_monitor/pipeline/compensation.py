@@ -29,6 +29,7 @@ from rotary_error_monitor.pipeline.joints import AxisPositions, JointTrack, unpa
 from rotary_error_monitor.pipeline.live_components import Carrier
 from rotary_error_monitor.pipeline.poses import TimedPoses
 from rotary_error_monitor.pipeline.thermometer import Thermometer
+from rotary_error_monitor.signals.admission import LATE
 
 
 @dataclass(frozen=True)
@@ -185,19 +186,20 @@ class Compensator:
             self._last_tick = int(motion.times_ns[-1])
             self._waiting.append(motion)
 
-    def accept_joint_state(
-        self, stamp_ns: int, positions: Mapping[str, float], velocities: Mapping[str, float]
-    ) -> None:
+    def accept_joint_state(self, stamp_ns: int, positions: Mapping[str, float], velocities: Mapping[str, float]) -> str:
         """Take in one joint state, positions and velocities by letter of the axis, and wait for `advance`.
+
+        Given is why it is not used; nothing where it is.
 
         Raises:
             InputError: an axis of the machine is missing.
         """
         if not self.joints.push(stamp_ns, positions, velocities):
-            return
+            return self.joints.doubt or LATE
         self._first_ns = stamp_ns if self._first_ns is None else self._first_ns
         if self._monitored is None or self.holding.is_over(stamp_ns):
             self._own_ticks.append(stamp_ns)
+        return ""
 
     def push_temperature(self, temperature: float, stamp_ns: int | None = None) -> bool:
         """Take in the machine's temperature, °C, by default of the last joint state; give whether it is believed."""

@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Mapping, Sequence
+from itertools import islice
 
 from rotary_error_monitor.description.stage import Encoder
 from rotary_error_monitor.description.stage_limits import StageLimits
 from rotary_error_monitor.metrology.agreement import chi_square_bound
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 from rotary_error_monitor.pipeline.evidence import EVERYWHERE, LONG, PERSISTENT, SHORT, Reach, Window, Windows
-from rotary_error_monitor.pipeline.ring_scatter import RingScatter
+from rotary_error_monitor.pipeline.ring_jumps import RingJumps, change_between
+from rotary_error_monitor.pipeline.ring_scatter import RingScatter, StampsScatter
 from rotary_error_monitor.pipeline.trailing import Trailing
 from rotary_error_monitor.pipeline.turn_memory import Course
 from rotary_error_monitor.pipeline.wrong_head import Shown, fault_in_words, wrong_head
@@ -93,6 +95,7 @@ class HeadBelief:
         self.settled = frozenset(heads)
         self._courses: dict[tuple[str, ...], Course] = {}
         self._scatter = RingScatter(timing)
+        self._by_stamps = StampsScatter()
         self._last: tuple[int, float] | None = None
         self._forget()
 
@@ -105,6 +108,7 @@ class HeadBelief:
         self.settled = frozenset(self._heads)
         self._courses.clear()
         self._scatter.reset()
+        self._by_stamps = StampsScatter()
         self._settle()
         self._forget()
 
@@ -217,6 +221,8 @@ class HeadBelief:
             self.scale = max(self.contradicted, tolerance)
             self.contradicting = found >= largest[place]
             weakly = found >= (WEAK * tolerance) ** 2
+            if not weakly and not self.doubted:
+                self._by_stamps.add(found, tolerance)
             self._beyond.append((self.contradicting, weakly, found))
             self._since = 0 if self.contradicting or weakly else self._since + 1
             weighed.append((self.scale, borne[place]))
@@ -285,27 +291,29 @@ class HeadBelief:
         noise = math.sqrt(variance) * self._scatter.scale(rate)
         allowed = self._limits.radial_rate * window.duration + 6.0 * math.sqrt(2.0) * noise
         before, last, sure = course.turn.get(theta, moved), course.place, course.sure
+        here, *others = (each for each, _ in islice(reversed(self._history), 2))
+        change = change_between(others[0], here, self._radius) if others else None
+        gap = course.number != window.number - 1
         course.follow(window.number, theta, place, sure=False)
         if self.contradiction:
-            if self._step == 0.0:  # it is not the step of one component that would show here when it is over
-                return
-            if before is None:
-                return
-            back = distance(place, before) <= RETURNED_STEP * self._step
-            self._agreeing = self._agreeing + window.duration if back else 0.0
-            if self._agreeing >= AGREEMENT:
-                self.contradiction, self._step = "", 0.0
+            # a jump within a gap may be less than what the bearing had the time for
+            self._jumps.follow(change, jump=gap or (change is not None and max(map(abs, change[:2])) > allowed))
+            if self._step > 0.0:  # else it is not the step of one component that would show here when it is over
+                off = math.inf if before is None else distance(place, before)
+                self._wait_for_return(window.duration, off, 2.0 * allowed)
             return
         settled = self.settled.issuperset(self._believed)
         steps = [distance(place, each) for each in (last, None if settled else before) if each is not None]
         most = allowed + min(self._limits.radial_rate * (passed - window.duration), self._limits.radial)
         if steps and min(steps) > most:
-            self._step, self._agreeing = min(steps), 0.0
+            self._step, self._returning = min(steps), 0.0
+            self._jumps.begin(change)
             self.contradiction = (
                 f"a step of {min(steps) * 1e6:.3g} µm within {passed * 1e3:g} ms that no bearing makes (at most "
                 f"{most * 1e6:.3g} µm), and too few heads to tell which is wrong; a reset accepts it"
             )
             return
+        self._jumps.follow(change, jump=False)
         self._scatter.add(window.number, place, variance, rate)
         if steps and min(steps) > allowed:  # in windows that tell nothing a bearing has the time for as much
             self.settled, settled = self.settled - frozenset(self._believed), False
@@ -316,6 +324,16 @@ class HeadBelief:
         if settled:
             course.turn.put(theta, moved, place)
         self.reach = Reach(*place, 1.5 * allowed)
+
+    def _wait_for_return(self, duration: float, off: float, near: float) -> None:
+        """Believe the heads again once the ring is as near to where it was at this angle, or its jumps are taken back.
+
+        What is nearer than `near`, m, is within the uncertainty that is stated without redundancy.
+        """
+        back = off <= min(RETURNED_STEP * self._step, near) or self._jumps.are_taken_back(RETURNED_STEP, near)
+        self._returning = self._returning + duration if back else 0.0
+        if self._returning >= AGREEMENT:
+            self.contradiction, self._step = "", 0.0
 
     def _course(self, window: Window) -> Course:
         """Where the ring was: heads that show all of its displacement show the same, whichever they are."""
@@ -332,8 +350,10 @@ class HeadBelief:
         back = all(name in available for name in self.doubted) and whole.redundancy > 0
         freedom = max(1.0, window.ticks * window.mean.head_samples) * max(whole.redundancy, 1)
         bound = chi_square_bound(freedom)
-        # what the uncertainty of stamps explains at a speed is no return of a head that was off before
-        most = min(bound * self._tolerance**2, max(bound, RETURNED * self._size))
+        # what the uncertainty of stamps explains at a speed is no return of a head that was off before, but for as much
+        # as stamps made there before: what is left of a fault is within the uncertainty that they give at such a speed
+        usual = self._by_stamps.at(self._tolerance)
+        most = bound * min(self._tolerance**2, max(1.0, RETURNED * self._size / bound, usual))
         fine = back and window.mean.agreement <= most
         self._agreeing = self._agreeing + window.duration if fine else 0.0
         if self._agreeing >= AGREEMENT:
@@ -351,10 +371,11 @@ class HeadBelief:
         Where the ring was is the same for all of them, but not what of it they see.
         """
         self._scatter.forget_last()
+        self._jumps = RingJumps()
         self._beyond: deque[tuple[bool, bool, float]] = deque(maxlen=SHORT)
         self._since = 0
         self._history: deque[Shown] = deque(maxlen=MEMORY)
-        self._step = 0.0
+        self._step = self._returning = 0.0
         self._untried = TRIES
 
     def forget_time(self) -> None:

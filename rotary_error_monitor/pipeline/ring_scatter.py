@@ -1,4 +1,4 @@
-"""How far the ring's centre scatters from window to window, where the heads have no redundancy that would tell it."""
+"""How far the ring's centre scatters from window to window without redundancy, or heads against one another."""
 
 from __future__ import annotations
 
@@ -11,6 +11,12 @@ KEPT = 100
 STATED = 10
 """Windows as which the stated noise and the stated timing count beside those that are seen: so many tell a scatter to
 half of itself."""
+
+PREVAILS = math.sqrt(2.0)
+"""Standard deviation, that of noise being 1, from which stamps make more of it than noise does."""
+
+WANDERS = 2.0
+"""By which the square of what stamps make may change within seconds: errors of clocks come and go."""
 
 SECOND_DIFFERENCE = 1.5
 """Variance of a window about the mean of its neighbours over that of a window."""
@@ -64,6 +70,28 @@ class RingScatter:
 
     def _at_rest(self) -> float:
         return self._excess.beside(0.0, 1.0)
+
+
+class StampsScatter:
+    """By how much heads contradict one another at speeds at which their stamps prevail, against what is stated."""
+
+    def __init__(self) -> None:
+        """Nothing was seen."""
+        self._found = self._stated = 0.0
+
+    def add(self, agreement: float, tolerance: float) -> None:
+        """Take in a window by its chi-square over degrees of freedom, and the standard deviation beside noise of 1."""
+        if tolerance < PREVAILS:
+            return
+        fading = 1.0 - 1.0 / KEPT
+        self._found = fading * self._found + agreement
+        self._stated = fading * self._stated + tolerance**2
+
+    def at(self, tolerance: float) -> float:
+        """Chi-square over degrees of freedom that is usual at such a tolerance; 0 where nothing was seen."""
+        if tolerance < PREVAILS or self._stated == 0.0:
+            return 0.0
+        return WANDERS * self._found / self._stated * tolerance**2
 
 
 class _Mean:

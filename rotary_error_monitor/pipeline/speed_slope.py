@@ -68,6 +68,12 @@ class SpeedSlope:
         self._none.clear()
         self._new.clear()
 
+    def restore(self, *value: float) -> None:
+        """Forget the windows, which a fault was in, and take the slope to be what it was before."""
+        self.forget()
+        self.value = np.array(value)
+        self.length = math.hypot(*value)
+
     def foresee(self, first: int, every: int, thetas: Sequence[float], *values: Sequence[float]) -> None:
         """Make ready for windows that are to be taken in: of many at once it takes less time than of each.
 

@@ -7,15 +7,15 @@ from collections import deque
 from collections.abc import Sequence
 from itertools import pairwise
 from operator import sub
-from typing import NamedTuple
 
 from rotary_error_monitor.description.stage import Autocollimator, StageDescription
-from rotary_error_monitor.metrology.agreement import chi_square_bound
-from rotary_error_monitor.metrology.description_check import DARK, MIRRORED, Claim, FigureCheck, departure
+from rotary_error_monitor.metrology.description_check import DARK, MIRRORED, Claim, FigureCheck, Finding, departure
 from rotary_error_monitor.metrology.repeated_readings import run_by_chance
 from rotary_error_monitor.pipeline.evidence import LONG, SHORT, Reach, Window, Windows
 from rotary_error_monitor.pipeline.head_belief import AGREEMENT, distance
+from rotary_error_monitor.pipeline.tilt_look import Look, bounds_of, mean_of
 from rotary_error_monitor.pipeline.trailing import Trailing
+from rotary_error_monitor.pipeline.usual_level import UsualLevel
 
 SIGMAS = 6.0
 """Standard deviations that noise does not reach in years."""
@@ -36,27 +36,6 @@ windows, is less than a fivehundredth of that."""
 
 ABSENT = Autocollimator(range=1.0, resolution=1.0, noise=1.0)
 """Stands for that of a stage which has none: no tilt comes that it would be held against."""
-
-
-class _Look(NamedTuple):
-    """What a window shows of the tilt.
-
-    Attributes:
-        number: of the window.
-        theta: mean rotation, rad.
-        reading, surplus: what is read, and what of it is not described, rad.
-        samples: independent ones in the window, one at least.
-        stated: standard deviation of a mean by the stated noise, rad.
-        variance: of a tick, rad²; infinite where none is stated.
-    """
-
-    number: int
-    theta: float
-    reading: tuple[float, float]
-    surplus: tuple[float, float]
-    samples: float
-    stated: float
-    variance: float
 
 
 class TiltBelief:
@@ -92,7 +71,7 @@ class TiltBelief:
         self.doubt = ""
         self.scale = self._noise_scale = 1.0
         # of the window that is judged: what it shows, and what turbulence makes of its mean, rad
-        self._here, self._drifted = _Look(0, 0.0, (0.0, 0.0), (0.0, 0.0), 1.0, self._noise, math.inf), 0.0
+        self._here, self._drifted = Look(0, 0.0, (0.0, 0.0), (0.0, 0.0), 1.0, self._noise, math.inf), 0.0
         self._excursion: tuple[int, float] | None = None
         self.reach = self._anywhere
         self.figure.forget()
@@ -102,11 +81,13 @@ class TiltBelief:
         self._bounds: list[float] = []
         self._recent: deque[tuple[float, float]] = deque(maxlen=SHORT)
         self._before: tuple[float, float] | None = None
-        self._last: _Look | None = None
-        self._still: _Look | None = None
+        self._last: Look | None = None
+        self._still: Look | None = None
         self._repeated: tuple[float, float] | None = None
-        self._calm: _Look | None = None
+        self._calm: Look | None = None
         self._gone = self._most_gone = 0.0
+        self._finding: Finding | None = None
+        self._usual, self._sound = UsualLevel(), self.figure.copy()
 
     def retract(self, *, doubt: bool) -> None:
         """Forget the last windows, which came of a wrong head; with `doubt`, what was doubted by them as well."""
@@ -140,6 +121,8 @@ class TiltBelief:
         (self._noise_scale,) = self._measure_noise([self._here], [window.scatter[1:]], [inner])
         if wrong or self.doubt:
             self._conclude(duration, wrong, step)
+        else:
+            self._usual.add(self._here.surplus)
         self._settle(duration)
 
     def are_calm(self, windows: Windows) -> bool:
@@ -179,6 +162,8 @@ class TiltBelief:
             self._noise_scale = scale
             if wrong and look is looks[-1]:
                 self._conclude(duration, wrong, "")
+            else:
+                self._usual.add(look.surplus)
             self._settle(duration)
             found.append((self.scale, self.reach))
         return found
@@ -191,9 +176,9 @@ class TiltBelief:
         surplus: tuple[float, float],
         samples: float,
         variance: float,
-    ) -> _Look:
+    ) -> Look:
         samples = max(1.0, samples)
-        return _Look(number, theta, reading, surplus, samples, self._noise / math.sqrt(samples), variance or math.inf)
+        return Look(number, theta, reading, surplus, samples, self._noise / math.sqrt(samples), variance or math.inf)
 
     def _settle(self, duration: float) -> None:
         """How sure the tilt is, and where it can be next."""
@@ -211,18 +196,22 @@ class TiltBelief:
         if wrong and not self.doubt:
             self._before = self._repeated or self._mean_before()  # the last windows of a run of equals are the run
             self._recent.clear()
-            self._near = STAYED * self._size if step else STAYED * self._limits.tilt
-            self._farthest = 0.0
-        if wrong:
+            self._size = self._size if step else 0.0
+            self._near = STAYED * (self._size or self._limits.tilt)
+            self._farthest, self._sound = 0.0, self.figure.copy()
+        fits = self._fits_again() if wrong.startswith(_MISREAD) and self.doubt else False
+        if wrong and fits is False:
             # a step back is no new fault, but a reason to wait
             self.doubt = self.doubt if self.doubt and step else wrong
             self._agreeing = 0.0
         if self._before is not None:
             self._farthest = max(self._farthest, distance(self._here.surplus, self._before))
-        if not wrong:
-            self._agreeing = self._agreeing + duration if self._is_back() else 0.0
+        if fits or not wrong:
+            self._agreeing = self._agreeing + duration if fits or self._is_back() else 0.0
             if self._agreeing >= AGREEMENT:
                 self.doubt = ""
+                if fits and self._finding is not None:
+                    self.figure.mend(self._finding, self._sound)
                 self._excursion = (self._here.number, self._farthest)
 
     def _is_stuck(self, samples: float, duration: float) -> str:
@@ -232,7 +221,7 @@ class TiltBelief:
             self._still, self._repeated = here, None
             return ""
         if self._repeated is None:  # the first windows of a run may hold some of what came before
-            self._repeated = _mean(list(self._recent)[: SHORT // 2] or [self._still.surplus])
+            self._repeated = mean_of(list(self._recent)[: SHORT // 2] or [self._still.surplus])
         run = here.number - self._still.number + 1
         readings = run * samples
         moved = self._moved()
@@ -305,7 +294,7 @@ class TiltBelief:
         """What the figure shows where its angle is new, and now and then."""
         if not new and number % SHORT:
             return self.doubt if self.doubt.startswith(_MISREAD) else ""
-        found = self.figure.judge(deviation)
+        found = self._finding = self.figure.judge(deviation)
         if found is None:
             return ""
         return f"{_MISREAD}: {found.mistake} ({found.explained:.0%} of {found.left * 1e6:.3g} µrad that is unexplained)"
@@ -315,7 +304,7 @@ class TiltBelief:
         return self.figure.extend(thetas, readings, map(sub, readings, surplus))
 
     def _measure_noise(
-        self, looks: Sequence[_Look], scatters: Sequence[tuple[float, ...]], inner: Sequence[float]
+        self, looks: Sequence[Look], scatters: Sequence[tuple[float, ...]], inner: Sequence[float]
     ) -> list[float]:
         """Scatter of windows against what the stated noise explains: `_noise_scale` after each.
 
@@ -337,7 +326,7 @@ class TiltBelief:
             found.append(scale)
         return found
 
-    def _among(self, course: Sequence[tuple[float, float]], looks: Sequence[_Look]) -> list[float]:
+    def _among(self, course: Sequence[tuple[float, float]], looks: Sequence[Look]) -> list[float]:
         """Squares of both components of windows about their neighbours over what the stated noise makes of them."""
         squares, slow = list[float](), self._drifted**2
         for (x, y), (x1, y1), (x2, y2), look in zip(course, course[1:], course[2:], looks, strict=False):
@@ -351,7 +340,7 @@ class TiltBelief:
         spans = among.count(end, SHORT), among.count(end, LONG)
         counts = 2, *spans, within.count(end_within, 2 * SHORT), within.count(end_within, LONG)
         if (counts, each) != self._bounds_of:
-            self._bounds_of, self._bounds = (counts, each), _bounds(counts, each)
+            self._bounds_of, self._bounds = (counts, each), bounds_of(counts, each)
         last, few, many, few_within, many_within = self._bounds
         return math.sqrt(
             max(
@@ -377,24 +366,30 @@ class TiltBelief:
         return turbulence.std * math.sqrt(min(1.0, passed / turbulence.correlation_time))
 
     def _mean_before(self) -> tuple[float, float] | None:
-        return _mean(list(self._recent)) if self._recent else self._before
+        return mean_of(list(self._recent)) if self._recent else self._before
 
     def _is_back(self) -> bool:
-        """Whether the tilt is near where it was before it was doubted; the description where nothing was before."""
-        near = self._near + SIGMAS * math.hypot(self._deviation, self._drifted)
-        return distance(self._here.surplus, self._before or (0.0, 0.0)) <= near
+        """Whether the tilt is near where it was before it was doubted; the description where nothing was before.
 
+        Or where it was most of the time, where a step does not begin a fault that was not seen but ends it.
+        """
+        surplus, noise = self._here.surplus, SIGMAS * math.hypot(self._deviation, self._drifted)
+        if distance(surplus, self._before or (0.0, 0.0)) <= self._near + noise:
+            return True
+        return self._size > 0.0 and self._usual.is_at(surplus, STAYED * self._size + noise)
 
-def _bounds(counts: Sequence[int], each: float) -> list[float]:
-    """Bounds on the mean of so many squares: three times among windows, then within them, with `each` independent."""
-    # neighbours share windows, which leaves about half of them independent
-    among = [0.5 * count for count in counts[:3]]
-    # as many independent ones as there are samples, of which a straight line takes two
-    return [chi_square_bound(freedom) for freedom in (*among, *(max(1, round(each * count)) for count in counts[3:]))]
-
-
-def _mean(pairs: list[tuple[float, float]]) -> tuple[float, float]:
-    return sum(x for x, _ in pairs) / len(pairs), sum(y for _, y in pairs) / len(pairs)
+    def _fits_again(self) -> bool | None:
+        """Whether the description explains this window, and what was found does not; None where nothing tells."""
+        if self._finding is None:
+            return False
+        left, seen = complex(*self._here.surplus), complex(*self._here.reading)
+        off, mistaken = abs(left), abs(seen - self._finding.shows(self._here.theta, seen - left))
+        if max(off, mistaken) > SIGMAS * math.hypot(self._deviation, self._drifted):
+            if off <= STAYED * mistaken:
+                return True
+            if mistaken <= STAYED * off:
+                return False
+        return None
 
 
 _MISREAD = "it does not fit its description"

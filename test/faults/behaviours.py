@@ -84,7 +84,7 @@ _ONE_TO_SPARE = 4
 _TWO_TO_SPARE = 5
 """Heads of which two may be left out."""
 
-_LATCH = "after 0.5 s without contradiction"
+_LATCH = "within 1 s of its end, once nothing has contradicted for 0.5 s"
 _NOTHING = "nothing is needed"
 _REST = "everything, from the other heads"
 _LEFT_OUT = "all, from the other heads, with their larger uncertainty; with fewer than three heads left nothing"
@@ -210,6 +210,15 @@ BEHAVIOUR = (
         named=True,
     ),
     Behaviour(
+        ("head_copied",),
+        "heads",
+        f"{_ESTIMATOR}: off against the others by so many counts, or a ring that does not fit",
+        "as of a head that is off by what its place shows of the ring's displacement",
+        _LEFT_OUT,
+        _LATCH,
+        slow_head_bound,
+    ),
+    Behaviour(
         ("head_jumps_1", "head_jumps_2", "head_jumps_10", "head_jumps_100", "head_jumps_line"),
         "heads",
         f"{_ESTIMATOR}: off by so many counts against the others; without redundancy a step that no bearing makes",
@@ -297,7 +306,7 @@ BEHAVIOUR = (
         f"{_ESTIMATOR}: the same reading for so many ms, a step, or at the end of its range",
         "the tilt is not used",
         "everything but tilt",
-        "after 0.5 s near what it was before",
+        "within 1 s of its end, once it was for 0.5 s near what it was before",
         goes_on=(*_RADIAL, *_ECC),
     ),
     Behaviour(
@@ -306,7 +315,7 @@ BEHAVIOUR = (
         f"{_ESTIMATOR}: a step that no bearing makes",
         "the tilt is not used",
         "everything but tilt",
-        "after 0.5 s near what it was before",
+        "within 1 s of its end, once it was for 0.5 s near what it was before",
         tilt_bound,
         goes_on=(*_RADIAL, *_ECC),
     ),
@@ -318,7 +327,7 @@ BEHAVIOUR = (
         "step that came back may come again, and counts as uncertainty for 10 s",
         "everything, tilt with that uncertainty; of samples 10 ms apart and more, a spike of five that rises no "
         "faster than `limits.tilt_rate` and noise allow is a tilt",
-        "after 0.5 s near what it was before",
+        "within 1 s of its end, once it was for 0.5 s near what it was before",
         goes_on=(*_RADIAL, *_ECC),
     ),
     Behaviour(
@@ -354,7 +363,18 @@ BEHAVIOUR = (
         "before a turn has verified it, its uncertainty is what the stage can tilt; after that the figure over the "
         "angles of the last turn tells",
         "everything but tilt; until enough angles were visited, a tilt that is off by no more than the stage can tilt",
-        "after 0.5 s in which it fits",
+        "within 1 s of its end, once it has fitted for 0.5 s",
+        tilt_bound,
+        goes_on=(*_RADIAL, *_ECC),
+    ),
+    Behaviour(
+        ("autocollimator_low_pass",),
+        "autocollimator",
+        f"{_ESTIMATOR}: what is read is so many times what is described, and turned",
+        "what goes with the rotor is smaller and late, the faster it turns: held against the description over a turn; "
+        "what is not told from the rotor's own motion counts as uncertainty",
+        "everything but tilt; until enough angles were visited, a tilt that is off by no more than the stage can tilt",
+        "within 1 s of its end, once it has fitted for 0.5 s",
         tilt_bound,
         goes_on=(*_RADIAL, *_ECC),
     ),
@@ -364,7 +384,7 @@ BEHAVIOUR = (
         f"{_ESTIMATOR}, once it is beyond what the stage can tilt",
         "a slow drift of the only tilt signal cannot be told from a tilt of the rotor",
         "a tilt that is off by no more than the stage can tilt, then none",
-        "after 0.5 s near what it was before",
+        "within 1 s of its end, once it was for 0.5 s near what it was before",
         tilt_bound,
         goes_on=(*_RADIAL, *_ECC),
     ),
@@ -383,12 +403,12 @@ BEHAVIOUR = (
         f"{_ESTIMATOR}: apart by more than following error and latency explain, a step, or heads behind the command",
         "the command is not used; the compensation holds it against the joint states besides",
         "everything but positioning; a positioning error that is off by no more than `following_error` and `latency`",
-        "after 0.5 s within what it was before",
+        "within 1 s of its end, once it was for 0.5 s near what it was before",
         command_bound,
         goes_on=(*_RADIAL, *_TILT),
     ),
     Behaviour(
-        ("command_degrees", "command_arcseconds", "command_stuck", "command_noisy"),
+        ("command_degrees", "command_arcseconds", "command_stuck", "command_staircase", "command_noisy"),
         "command",
         f"{_ESTIMATOR}: apart, a step, or it stands while the rotor turns; its noise raises the uncertainty",
         "the command is not used",

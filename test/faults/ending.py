@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 
@@ -11,11 +10,10 @@ import numpy as np
 from described_stages import stage_of
 from numpy.typing import NDArray
 from world import FAULTS, Recording, random_stage
-from world.fault import Injected
+from world.fault import Fault, Injected
 
-from faults.behaviours import behaviour_of
-from faults.judging import SIGMAS, TURN_OF_THE_NODE, record, stream_of
-from rotary_error_monitor.errors import InputError
+from faults.behaviours import Bound, behaviour_of
+from faults.judging import SIGMAS, estimated, record
 from rotary_error_monitor.metrology.error_motion import COMPONENTS, ErrorMotion
 from rotary_error_monitor.pipeline.estimation import Estimator
 
@@ -36,7 +34,6 @@ class Heard:
     Attributes:
         motion: all that was published; nothing where there is none.
         said: for each turn of the estimator, its time (ns) and what it had to say then.
-        estimator: at the end.
     """
 
     motion: ErrorMotion
@@ -113,25 +110,19 @@ class _Counts:
 
 def _heard(recording: Recording, section: Mapping[str, object]) -> Heard:
     estimator = Estimator(stage_of(section))
-    counts, parts, said, awake = _Counts(estimator), [], [], 0
-    for arrival, topic, block in recording.timeline():
-        stream = stream_of(topic)
-        if stream is None or len(block.rows) == 0:
-            continue
-        if abs(arrival - awake) > TURN_OF_THE_NODE:
-            parts += estimator.advance()
-            awake = arrival
-            said.append((arrival, counts.words()))
-        with suppress(InputError):  # refused and counted
-            estimator.accept(stream, block, arrival)
-    parts += estimator.advance() + estimator.finish()
+    counts, said = _Counts(estimator), list[tuple[int, frozenset[str]]]()
+    parts = estimated(recording, estimator, lambda arrival: said.append((arrival, counts.words())))
     return Heard(ErrorMotion.joined(parts) if parts else ErrorMotion.unknown(0), said)
 
 
+Options = tuple[tuple[str, object], ...]
+"""Of a recording, by name."""
+
+
 @cache
-def _sound(number: int) -> tuple[Mapping[str, object], Recording, Heard]:
+def _sound(number: int, options: Options) -> tuple[Mapping[str, object], Recording, Heard]:
     section = random_stage(number)
-    recording = record(number, section, DURATION)
+    recording = record(number, section, DURATION, **dict(options))
     return section, recording, _heard(recording, section)
 
 
@@ -145,14 +136,36 @@ def _off(recording: Recording, motion: ErrorMotion) -> tuple[NDArray[np.float64]
 
 def ended(name: str, number: int) -> Ended | None:
     """A fault that ends, on the stage of that number; None where it does nothing, or the stage shows nothing."""
-    section, recording, sound = _sound(number)
     generator = np.random.default_rng([number, len(name)])
-    injected = FAULTS[name](recording, generator, begin=float(generator.uniform(0.4, 0.5)) * DURATION)
+    return ended_of(FAULTS[name], number, generator, LASTS, behaviour_of(name).bound)
+
+
+def ended_of(
+    fault: Fault,
+    number: int,
+    generator: np.random.Generator,
+    lasts: float,
+    bound: Bound | None = None,
+    size: float | None = None,
+    options: Options = (),
+) -> Ended | None:
+    """The same of any fault.
+
+    Args:
+        fault: what goes wrong.
+        number: of the stage.
+        generator: draws when it begins, and what else is drawn of it.
+        lasts: how long it acts, s.
+        bound: what of it cannot be told from the stage by its nature.
+        size: of the fault; drawn if not given.
+        options: of the recording.
+    """
+    section, recording, sound = _sound(number, options)
+    injected = fault(recording, generator, begin=float(generator.uniform(0.4, 0.5)) * DURATION, size=size)
     if not injected.acts or not len(sound.motion.times_ns):
         return None
-    begin_ns, end_ns = injected.begin_ns, injected.begin_ns + round(LASTS * 1e9)
+    begin_ns, end_ns = injected.begin_ns, injected.begin_ns + round(lasts * 1e9)
     found = _heard(_until(recording, injected, end_ns), section)
-    bound = behaviour_of(name).bound
     allowed = bound(stage_of(section)) if bound else {}
     margin = np.array([allowed.get(each, 0.0) for each in COMPONENTS])
     off, deviation = _off(recording, found.motion)

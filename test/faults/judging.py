@@ -82,8 +82,26 @@ def judge(
         own_clock: what the estimator's own clock shows (ns) at the time of an arrival, where it was set.
     """
     stage = stage_of(section)
-    estimator, parts = Estimator(stage), []
+    estimator = Estimator(stage)
     doubted: dict[str, str] = {}
+
+    def note(_arrival: int) -> None:
+        for what, why in estimator.reasons:
+            doubted.setdefault(what, why)
+
+    parts = estimated(recording, estimator, note, own_clock)
+    doubted = dict(estimator.reasons) | doubted
+    return _compare(recording, stage, estimator, parts, doubted, true_times, bound)
+
+
+def estimated(
+    recording: Recording,
+    estimator: Estimator,
+    look: Callable[[int], None],
+    own_clock: Callable[[int], int] | None = None,
+) -> list[ErrorMotion]:
+    """Give an estimator what arrives, in turns as a node takes; `look` is called after each with its time (ns)."""
+    parts: list[ErrorMotion] = []
     awake = 0
     for arrival, topic, block in recording.timeline():
         stream = stream_of(topic)
@@ -92,13 +110,10 @@ def judge(
         if abs(arrival - awake) > TURN_OF_THE_NODE:
             parts += estimator.advance()
             awake = arrival
-            for what, why in estimator.reasons:
-                doubted.setdefault(what, why)
+            look(arrival)
         with suppress(InputError):  # refused and counted
             estimator.accept(stream, block, arrival if own_clock is None else own_clock(arrival))
-    parts += estimator.advance() + estimator.finish()
-    doubted = dict(estimator.reasons) | doubted
-    return _compare(recording, stage, estimator, parts, doubted, true_times, bound)
+    return parts + estimator.advance() + estimator.finish()
 
 
 def _compare(

@@ -123,7 +123,9 @@ def run(
             compensator.push_temperature(value, START + ms * MS)
         if ms % 10 == 0 and (state := change(t, *machine.joint_state(t))) is not None:
             try:
-                compensator.accept_joint_state(START + ms * MS + round(ahead(t) * 1e9), *state)
+                stamp_ns = START + ms * MS + round(ahead(t) * 1e9)
+                if why := compensator.accept_joint_state(stamp_ns, *state):
+                    found.said.append((t, why))
             except InputError as error:
                 found.said.append((t, str(error)))
         result = push_error_motion(compensator, machine.error_motion(ms))

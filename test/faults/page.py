@@ -14,8 +14,9 @@ says how far the description would move the tool from there. After `hold_limit` 
 the machine's description alone gives, and where joint states are not believed they stay.
 What is refused is counted by its reason; all reasons stand in `/diagnostics` within a second. A second after the end of
 a fault all is published again, from other instruments where one is not believed yet. It takes longer, or a reset,
-without redundancy, where a head agrees only once a fast stage is slower, and where the end of a fault looks like its
-begin: a step back of an autocollimator or command that was believed meanwhile.
+where the data do not tell that the fault has ended: without redundancy, where heads were silent meanwhile; where a head
+was off before a stage ever turned so fast that its stamps outweigh its noise; and where a fault was believed for more
+than half of the last 10 s, so that its end looks like its begin. `/diagnostics` then goes on to name what is doubted.
 """
 
 

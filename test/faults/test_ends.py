@@ -29,9 +29,8 @@ MOST_MISSING = 0.3
 """Part of the time from a second after the end in which a component may be missing: a block is lost now and then."""
 
 UNFORGIVEN = 0.1
-"""Part of the cases in which it may be missing all the same. Where a stage turns so fast that its heads, sound, differ
-by more than their noise for their stamps, a head is believed again once it is slower; and a step that passed for one of
-the drive is seen as it ends, and stays until a reset."""
+"""Part of the cases in which it may be missing all the same: a block is lost just as a fault ends, or the rotation was
+wrong for a head, at a speed at which its stamps outweigh its noise, while the command was judged."""
 
 
 @cache

@@ -287,6 +287,36 @@ def test_a_joint_state_that_is_stamped_ahead(seed, ahead):
     assert max(found.corrections) > max(healthy(seed).corrections) - 100 * 1_000_000
 
 
+def old_again(share: float, begin: float, end: float, draw: np.random.Generator) -> Callable[[float], float]:
+    """How far ahead of its time, s, a state is stamped: a share of those up to `end` have the stamp of the begin."""
+
+    def ahead(t: float) -> float:
+        return begin - t if begin <= t < end and draw.uniform() < share else 0.0
+
+    return ahead
+
+
+@shows(
+    Row(
+        "joints",
+        "Joint states repeat an old stamp, all of them for 0.3 s to 1.5 s, or a drawn part of them",
+        "`compensation`: refused, not after the one before, counted; of more than 0.5 s `compensation: correction`: no "
+        "joint states for so many s",
+        "a state with a stamp that was there is not used; the last one counts for 0.5 s, carried on with its speed",
+        "corrections by the states between; without any held after 0.5 s",
+        "within 1 s after the first sound joint state",
+    )
+)
+@pytest.mark.parametrize("share", [1.0, None], ids=["all", "some"])
+@pytest.mark.parametrize("seed", range(SEEDS.start, SEEDS.stop + 1))
+def test_joint_states_that_repeat_an_old_stamp(seed, share):
+    draw, begin, end = drawn(seed)
+    part = draw.uniform(0.05, 0.9) if share is None else share
+    begin = round(begin, 2)  # of a state that was there
+    found = run(Machine(seed), ahead=old_again(part, begin, end, draw))
+    check(seed, found, begin, end, "not after the one before")
+
+
 @shows(
     Row(
         "joints",

@@ -215,3 +215,28 @@ def test_mistakes_that_explain_nothing_need_no_reckoning(own, monkeypatch):
     left_out = found()
     monkeypatch.setattr(FigureCheck, "_explain_nothing", lambda *_: False)
     assert found() == left_out
+
+
+@pytest.mark.parametrize("name", list(MIRRORED))
+def test_a_mistake_that_has_ended_is_taken_out_and_the_rest_stays(name):
+    """Of two turns the first is as described, a part of the second mistaken: what was seen before it counts again."""
+    told = 0
+    for seed in range(20):
+        theta, described, true, _ = stage(seed, anywhere, 1.0)
+        check, found = judge(theta, true, described)
+        assert found is None
+        before, mistaken = check.copy(), np.random.default_rng(seed).integers(100, 190)
+        seen = np.array([(MIRRORED | DARK)[name](value) for value in true[:mistaken]])
+        check.extend(theta[:mistaken] + 2 * np.pi, seen, described[:mistaken])
+        found = check.judge()
+        if found is None:  # of too small a part of a turn
+            continue
+        told += 1
+        # it may be named otherwise while a part of the turn is as described, but is nearer to that
+        shown = [found.shows(angle, said) for angle, said in zip(theta, described, strict=True)]
+        assert np.abs(seen - shown[:mistaken]).mean() < 0.6 * np.abs(seen - described[:mistaken]).mean()
+        check.mend(found, before)
+        assert check.judge() is None
+        assert check.covered > 0.9
+        assert before.judge() is None, "the copy is one"
+    assert told > 10

@@ -14,6 +14,8 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
+from faults.live.other_programs import family, lost_time
+
 from network.cell import NETWORK, SAYINGS, two_host_cell
 from rotary_error_monitor.resources import config
 from rotary_error_monitor.signals.blocks import NANOSECONDS
@@ -21,6 +23,9 @@ from rotary_error_monitor.sources.mock import MockSettings
 
 CUT = 3.0
 """How long the network is away, s."""
+
+SAID = 1.0
+"""Time within which a hold is said, s."""
 
 RECOVERED = 2.0
 """Time after the end of a cut within which everything is as before, s."""
@@ -51,6 +56,8 @@ class Witness:
         settings: of the mock stage.
         flowing_ns: from when estimates came without a gap.
         cut_ns, joined_ns: begin and end of the cut.
+        quiet_ns: up to when the cut is to be said; later than `SAID` by what other programs took of the time.
+        recovered_ns: up to when all is to be as before; later than `RECOVERED` by the same.
         whole_again_ns: from when on after it estimates came without a gap.
         loss: part of the frames that was lost before the cut.
         corrected: whether corrections flowed at the end of the cut.
@@ -62,6 +69,8 @@ class Witness:
     flowing_ns: int
     cut_ns: int
     joined_ns: int
+    quiet_ns: int
+    recovered_ns: int
     whole_again_ns: int
     loss: float
     corrected: bool
@@ -86,20 +95,28 @@ def _run(far: tuple[str, ...], bag: Path) -> Witness:
         )
         passed, lost = cable.counts()
         flowing_ns, cut_ns = course.whole_since_ns, time.time_ns()
-        cable.cut()
-        cell.spin_for(CUT)
+        with lost_time(family) as lost_then:
+            cable.cut()
+            cell.spin_for(SAID)
+            quiet_ns = cut_ns + round(lost_then().allowed(SAID) * NANOSECONDS)
+        cell.spin_for(CUT - SAID)
         corrected, status = running.corrects(), cell.status("compensation: correction").message
-        cable.impair(**NETWORK)
-        joined_ns = time.time_ns()
-        cell.wait_until(lambda: course.whole_since_ns > cut_ns and course.is_whole_for(AGAIN), "estimates as before")
+        with lost_time(family) as lost_then:
+            cable.impair(**NETWORK)
+            joined_ns = time.time_ns()
+            cell.wait_until(
+                lambda: course.whole_since_ns > cut_ns and course.is_whole_for(AGAIN), "estimates as before"
+            )
+            recovered_ns = joined_ns + round(lost_then().allowed(RECOVERED) * NANOSECONDS)
         whole_again_ns = course.whole_since_ns
-        judged_ns = joined_ns + round((RECOVERED + 1.0) * NANOSECONDS)
+        judged_ns = recovered_ns + NANOSECONDS
         cell.wait_until(lambda: course.newest_ns > judged_ns, "enough estimates to judge")
         cell.wait_until(running.corrects, "corrections as before")
         running.stop()
         said = {node: running.said(node) for node in SAYINGS}
     loss = lost / (passed + lost)
-    return Witness(running.settings, flowing_ns, cut_ns, joined_ns, whole_again_ns, loss, corrected, status, said)
+    times = flowing_ns, cut_ns, joined_ns, min(quiet_ns, joined_ns), recovered_ns, whole_again_ns
+    return Witness(running.settings, *times, loss, corrected, status, said)
 
 
 def _prepare() -> None:

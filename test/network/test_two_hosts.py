@@ -11,12 +11,8 @@ from faults.documenting import Row, shows
 from network.cell import MACHINE, SAYINGS
 from network.hosts import why_not
 from network.judging import Judge
-from network.scenario import CUT, RECOVERED, Witness, cut_off_and_rejoined
+from network.scenario import CUT, SAID, Witness, cut_off_and_rejoined
 from rotary_error_monitor.description.wire import load_wire
-from rotary_error_monitor.signals.blocks import NANOSECONDS
-
-SAID = 1.0
-"""Time within which a hold is said, s."""
 
 SPLITS = {
     "estimator and compensation on the far side": ("encoder_head", "autocollimator", "mock_controller"),
@@ -38,11 +34,10 @@ SAMPLES_LOST = Row(
 CUT_OFF = Row(
     group="network",
     fault="the network between two computers breaks off for 3 s",
-    seen="by both sides: the controller's node 0.3 s after the last correction, the compensation at most 0.5 s "
-    "after the last estimate or joint state; in the log at once, on `/diagnostics` within 1 s",
+    seen="by both sides: the controller's node, and the compensation; in the log within 1 s",
     done="corrections are held on both sides",
     published="no corrections; an estimate of what is on the estimator's own side",
-    recovery="within 2 s of the end of the cut, most often 0.7 s; what became too old meanwhile is dropped and counted",
+    recovery="within 2 s of the end of the cut; what became too old meanwhile is dropped and counted",
 )
 
 
@@ -53,17 +48,16 @@ def test_a_cell_on_two_hosts_holds_while_they_are_cut_off_and_recovers(far, tmp_
     assert 0.01 < seen.loss < 0.03
     assert not seen.corrected
     assert seen.status.startswith("held: no ")
-    recovered_ns = seen.joined_ns + round(RECOVERED * NANOSECONDS)
-    assert seen.whole_again_ns < recovered_ns
-    hold_is_said(seen, recovered_ns)
+    assert seen.whole_again_ns < seen.recovered_ns
+    hold_is_said(seen)
     judge = Judge(tmp_path / "bag", load_wire(tuple("abcd")), MACHINE, seen.settings)
-    nothing_wrong_is_published(judge, (seen.flowing_ns, seen.cut_ns), recovered_ns)
-    what_is_in_effect_is_held(judge, seen.cut_ns, seen.joined_ns)
+    nothing_wrong_is_published(judge, (seen.flowing_ns, seen.cut_ns), seen.recovered_ns)
+    what_is_in_effect_is_held(judge, seen.quiet_ns, seen.joined_ns)
 
 
-def hold_is_said(seen: Witness, recovered_ns: int) -> None:
+def hold_is_said(seen: Witness) -> None:
     """By both sides within a second of the cut, and by both within two of its end that corrections flow again."""
-    quiet_ns = seen.cut_ns + round(SAID * NANOSECONDS)
+    quiet_ns, recovered_ns = seen.quiet_ns, seen.recovered_ns
     for node, (flows, held) in SAYINGS.items():
         said = seen.said[node]
         assert any(text.startswith(held) and seen.cut_ns < time_ns < quiet_ns for time_ns, text in said), said
@@ -82,11 +76,11 @@ def nothing_wrong_is_published(judge: Judge, flowing: Sequence[int], recovered_n
         assert np.median(part.after) < 0.05 * np.median(part.before), "m, with the correction and without"
 
 
-def what_is_in_effect_is_held(judge: Judge, cut_ns: int, joined_ns: int) -> None:
+def what_is_in_effect_is_held(judge: Judge, quiet_ns: int, joined_ns: int) -> None:
     """What the controller has in effect during the cut does not move, and nothing new is sent to it."""
-    quiet_ns = cut_ns + round(SAID * NANOSECONDS)
     applied = judge.corrections("applied_corrections").between(quiet_ns, joined_ns)
-    assert len(applied.stamp_ns) > 0.8 * (CUT - SAID) * 20, "of 20 a second; they come once the network is back"
+    expected = min(CUT - SAID, (joined_ns - quiet_ns) * 1e-9) * 20
+    assert len(applied.stamp_ns) > 0.8 * expected - 1, "of 20 a second; they come once the network is back"
     assert np.ptp(applied.values, axis=0).max() == 0.0
     sent = judge.corrections("axis_corrections")
     assert not ((sent.arrived_ns > quiet_ns) & (sent.arrived_ns < joined_ns)).any()

@@ -28,6 +28,7 @@ from rotary_error_monitor.nodes.lvdt import Lvdt
 from rotary_error_monitor.nodes.mock_controller import MockController
 from rotary_error_monitor.resources import config
 from rotary_error_monitor.sources.mock_machine import MachineMotion
+from rotary_error_monitor.testing.silence import silence
 
 
 @pytest.mark.parametrize(
@@ -142,7 +143,8 @@ def test_of_two_drivers_on_one_topic_none_is_believed(cell, node_class, name, ke
         lambda: publish(one, other) or cell.has_status(f"{name}: refused /enc", "several publishers share /enc"),
         "a word of two",
     )
-    cell.spin_for(0.2)  # what was on its way by then
+    quiet = silence(blocks)  # what was on its way by then
+    cell.wait_until(lambda: publish(one, other) or quiet(), "what was on its way")
     before = len(blocks)
     end = time.monotonic() + 1.0
     cell.wait_until(lambda: publish(one, other) or time.monotonic() > end, "time to pass")

@@ -44,6 +44,7 @@ def test_a_life_cycle_manager_can_take_over(cell):
         assert cell.change_state("encoder_head_a", Transition.TRANSITION_DEACTIVATE)
         cell.forget_status("encoder_head_a: state")
         cell.wait_for_status("encoder_head_a: state", "inactive")
+        cell.wait_for_silence(blocks)  # what was on its way by then
         blocks.clear()
         cell.spin_for(0.3)
         assert blocks == []

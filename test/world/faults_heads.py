@@ -157,6 +157,17 @@ def _two_publishers(draw: Draw) -> Change:
     return Change(changed, first_ns(draw.recording), 2.0, "heads", detail={"other": b})
 
 
+def _copied(draw: Draw) -> Change:
+    """One head gives what another one does: two nodes read the same device."""
+    who, begin = draw.one_of(draw.recording.head_topics), draw.begin_ns("either")
+    other = str(draw.rng.choice([name for name in draw.recording.head_topics if name != who]))
+    blocks, arrivals = draw.recording.blocks, draw.recording.arrivals
+    i, j = (blocks_from(blocks[topic], begin) for topic in (who, other))
+    arrived = np.maximum.accumulate(np.concatenate([arrivals[who][:i], arrivals[other][j:]]))
+    changed = [*blocks[who][:i], *blocks[other][j:]]
+    return Change({who: (changed, arrived)}, begin, 1.0, "heads", detail={"other": other})
+
+
 def dies(name: str, sentence: str, who: str, when: str) -> Fault:
     """Fault of streams that end, or never begin."""
 
@@ -315,6 +326,7 @@ def _future() -> list[Fault]:
 HEAD_FAULTS: list[Fault] = [
     *_turns(),
     *_units(),
+    Fault("head_copied", "One head gives what another one does: two nodes read the same device.", "head", _copied),
     Fault("heads_swapped", "Each of two heads has the name of the other.", "two heads", _swapped),
     Fault("head_two_publishers", "Blocks of two heads come under one name.", "two heads", _two_publishers),
     dies("head_dead_later", "One head falls silent.", "head", "later"),

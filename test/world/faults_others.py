@@ -78,6 +78,15 @@ def _gain(acting: Acting) -> Array:
     return _seen(acting, acting.values * acting.size)
 
 
+def _low_pass(acting: Acting) -> Array:
+    """First-order low pass of a time constant, s, as of an averaging that is set too long."""
+    out, last = np.empty_like(acting.values), acting.previous
+    steps = np.diff(acting.seconds, prepend=acting.seconds[0])
+    for at, (value, step) in enumerate(zip(acting.values, steps, strict=True)):
+        out[at] = last = last + (1.0 - np.exp(-step / acting.size)) * (value - last)
+    return _seen(acting, out)
+
+
 WHO = "autocollimator"
 AUTOCOLLIMATOR_FAULTS: list[Fault] = [
     values_fault("autocollimator_stuck", "The autocollimator repeats a value.", WHO, stuck),
@@ -127,6 +136,14 @@ AUTOCOLLIMATOR_FAULTS: list[Fault] = [
         _drifted,
         Size(5e-7, 5e-5, "rad/s", signed=True),
     ),
+    values_fault(
+        "autocollimator_low_pass",
+        "The autocollimator averages, with a time constant of 0.1 s to 1 s.",
+        WHO,
+        _low_pass,
+        Size(0.1, 1.0, "s"),
+        when="either",
+    ),
     stamps_fault(
         "autocollimator_late", "The autocollimator's values are old at their stamps.", WHO, Size(1e-3, 0.2), late=True
     ),
@@ -161,7 +178,20 @@ def _wrong_rate(acting: Acting) -> Array:
     return values
 
 
+def _staircase(acting: Acting) -> Array:
+    """The values of every tenth of a second, repeated until the next."""
+    kept = np.floor(acting.seconds / 0.1).astype(int)
+    return acting.values[np.searchsorted(kept, kept, side="left")]
+
+
 COMMAND_FAULTS: list[Fault] = [
+    values_fault(
+        "command_staircase",
+        "The command changes ten times a second, under fresh stamps.",
+        "command",
+        _staircase,
+        when="either",
+    ),
     stamps_fault(
         "command_stamps_off", "The command's stamps are off, either way.", "command", Size(3e-4, 0.02, signed=True)
     ),

@@ -68,7 +68,7 @@ def speak_until(live, say, condition, what, pause=0.025):
         published="what the other streams give; without the command corrections go on with the described positioning. "
         "While blocks of 16 MB come one after another (66 in 10 s measured), estimates are up to 4.7 s old and "
         "corrections are held meanwhile; nothing wrong is published",
-        recovery="within 2 s of the last of its messages (1.6 s measured); after that flood of 16 MB blocks all "
+        recovery="within 2 s of the last of its messages; after that flood of 16 MB blocks all "
         "streams are back within 14 s, and the estimator keeps the memory that it took, 640 MB in place of 100",
     )
 )

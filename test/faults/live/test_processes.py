@@ -30,12 +30,11 @@ WORDS = {
     Row(
         group="processes",
         fault="an encoder head, the autocollimator, the estimator, the compensation or the controller is killed",
-        seen="by who listens to it: within 0.2 s for an instrument, 0.5 s for the others, in `/diagnostics` at once",
+        seen="by who listens to it, in `/diagnostics` within 1 s",
         done="a head or the autocollimator: the estimate goes on without it; otherwise corrections are held",
         published="what is left, with the uncertainty that it has then; after 2 s without estimates what the "
         "description alone says",
-        recovery="within 1 s of when the middleware has found the successor: 0.1 s to 0.9 s after its start for an "
-        "instrument, 0.8 s to 1.2 s for the compensation, 0.6 s to 2.1 s for the estimator",
+        recovery="within 1 s of when the middleware has found the successor, which it does within 4 s",
     )
 )
 @pytest.mark.parametrize("kind", KINDS)
@@ -63,8 +62,7 @@ def test_a_process_is_killed_and_started_again(live, chance, kind):
         seen="as when it is killed",
         done="as when it is killed; what has waited meanwhile is used where it is young enough, else dropped by stamp",
         published="what is left; nothing late",
-        recovery="within 1 s: 0.05 s measured for an instrument or the controller, up to 0.7 s for estimator and "
-        "compensation, whose backlog may not fit into the middleware's buffers, which sends it again after 0.2 s",
+        recovery="within 1 s",
     )
 )
 @pytest.mark.parametrize("kind", KINDS)
@@ -92,7 +90,7 @@ def test_a_process_is_stopped_for_two_seconds(live, chance, kind):
         seen="stamps that are old when they arrive",
         done="what is older than `max_age` (1 s) is not estimated, what is older than `age_limit` (0.2 s) not applied",
         published="nothing meanwhile, nothing late",
-        recovery="within 1 s of the last one (0.3 s measured)",
+        recovery="within 1 s of the last one",
     )
 )
 @pytest.mark.parametrize("time", range(4))
