@@ -1,4 +1,4 @@
-"""What a compensation makes of its inputs, one after another."""
+"""What an estimator or a compensation makes of its inputs, one after another."""
 
 from __future__ import annotations
 
@@ -6,6 +6,16 @@ from collections.abc import Mapping
 
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.compensation import CompensationOutput, Compensator
+from rotary_error_monitor.pipeline.estimation import Estimator
+from rotary_error_monitor.signals.blocks import SampleBlock
+
+
+def push_block(
+    estimator: Estimator, stream: str, block: SampleBlock, arrival_ns: int | None = None
+) -> list[ErrorMotion]:
+    """Error motion that is complete as soon as the estimator has the block."""
+    estimator.accept(stream, block, arrival_ns)
+    return estimator.advance()
 
 
 def push_error_motion(compensator: Compensator, motion: ErrorMotion) -> CompensationOutput:

@@ -131,15 +131,6 @@ class Estimator:
         if self._listed is not None:
             self._listed.reset()
 
-    def push(self, name: str, block: SampleBlock, arrival_ns: int | None = None) -> list[ErrorMotion]:
-        """Take in a block of stream `name`; give the error motion that is complete now.
-
-        Raises:
-            InputError: as `accept`.
-        """
-        self.accept(name, block, arrival_ns)
-        return self.advance()
-
     def accept(self, name: str, block: SampleBlock, arrival_ns: int | None = None, *, recorded: bool = False) -> None:
         """Take in a block of stream `name` and wait for `advance`: of blocks that came together, one reckoning.
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from described_stages import stage_of
 from faults.judging import stream_of
+from pushed_inputs import push_block
 from scipy.ndimage import median_filter
 from world import Options, make_recording, random_stage
 from world.recording import AUTOCOLLIMATOR, COMMAND
@@ -62,7 +63,7 @@ def test_what_belief_costs(rate, monkeypatch):
     estimator = Estimator(stage_of(section))
     begin = time.perf_counter()
     for arrival, stream, block in streams:
-        estimator.push(stream, block, arrival)
+        push_block(estimator, stream, block, arrival)
     whole = time.perf_counter() - begin
     begin = time.perf_counter()
     for _, _, block in streams:

@@ -17,6 +17,7 @@ from described_stages import stage_of
 from faults.judging import stream_of
 from mock_bags import write_mock_bag, write_stage_bag
 from pipeline.test_compensation import MACHINE, motion_block, run
+from pushed_inputs import push_block
 from world import Options, make_recording, random_stage
 from world.recording import AUTOCOLLIMATOR, COMMAND
 
@@ -56,7 +57,7 @@ def estimating(rate: float, duration: float) -> Callable[[], object]:
     def work() -> None:
         estimator = Estimator(stage)
         for arrival, stream, block in streams:
-            estimator.push(stream, block, arrival)
+            push_block(estimator, stream, block, arrival)
         assert estimator.status.estimates > 0.9 * duration * 1e3
 
     return work

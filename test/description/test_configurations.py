@@ -16,6 +16,7 @@ from described_stages import stage_of
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 from motion_numbers import numbers_of
+from pushed_inputs import push_block
 
 from rotary_error_monitor.description.listed_sensors import is_input, quantity
 from rotary_error_monitor.description.machine import (
@@ -129,7 +130,7 @@ def test_every_stage_that_does_not_contradict_itself_can_be_used(content: Any, f
     times = START + np.arange(20) * 1_000_000
     for name in estimator.inputs:
         fields = stream_limits(stage)[name][0]
-        estimator.push(name, block_from_samples(times, fields, np.zeros((20, len(fields)))))
+        push_block(estimator, name, block_from_samples(times, fields, np.zeros((20, len(fields)))))
     for motion in estimator.finish():
         assert np.isfinite(numbers_of(motion)).all()
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from described_stages import stage_of
 from draws import seeds
+from pushed_inputs import push_block
 from world import Options, make_recording, random_stage
 
 from faults.judging import judge
@@ -44,7 +45,7 @@ def test_heads_that_are_back_before_the_command_are_still_where_they_were(seed, 
         at = (int(block.times_ns[-1]) - recording.start_ns) * 1e-9 if len(block.rows) else 5.0
         away = 5.0 <= at < 6.0 + later * (name == "command")
         if name in estimator.inputs and not away:
-            parts += estimator.push(name, block)
+            parts += push_block(estimator, name, block)
     motion = ErrorMotion.joined(parts)
     at = (motion.times_ns - recording.start_ns) * 1e-9
     unverified = motion.doubts >> DOUBTS.index("unverified") & 1 == 1
@@ -70,7 +71,7 @@ def test_a_command_that_is_away_for_a_moment_is_as_late_as_before(seed):
         if name == "command":
             block = block_from_samples(block.times_ns + LATE_NS, block.names[1:], block.rows[:, 1:])
         if name != "command" or at % 0.4 > 0.08:
-            parts += estimator.push(name, block)
+            parts += push_block(estimator, name, block)
     delay = abs(estimator.belief.command.delay)
     assert delay == pytest.approx(LATE_NS * 1e-9, rel=0.3), "it was measured"
     assert not dict(estimator.belief.reasons)

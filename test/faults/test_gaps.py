@@ -9,6 +9,7 @@ import pytest
 from described_stages import stage_of
 from draws import seeds
 from motion_numbers import assert_same_bits, decisions_of
+from pushed_inputs import push_block
 from world import Options, Recording, make_recording, random_stage
 from world.recording import head_topic
 
@@ -104,7 +105,7 @@ def estimates(recording: Recording, decisions: Decisions | None = None) -> Error
     for arrival, topic, block in recording.timeline():
         stream = stream_of(topic)
         if stream is not None and len(block.rows):
-            parts += estimator.push(stream, block, arrival)
+            parts += push_block(estimator, stream, block, arrival)
     return ErrorMotion.joined(parts + estimator.finish())
 
 

@@ -10,6 +10,7 @@ from functools import cache
 import numpy as np
 import pytest
 from described_stages import stage_of
+from pushed_inputs import push_block
 from world import Options, Recording, make_recording, random_stage
 
 from faults.judging import Judgement, judge
@@ -67,5 +68,5 @@ def test_streams_have_the_bits_of_the_contract_whatever_the_stage_has():
     for _, topic, block in recorded(0).timeline():
         name = topic.split("/")[2]
         if name in estimator.inputs and len(block.rows):
-            masks += [made.streams for made in estimator.push(name, block)]
+            masks += [made.streams for made in push_block(estimator, name, block)]
     assert np.bitwise_or.reduce(np.concatenate(masks)) == field.mask(estimator.inputs)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from described_stages import stage_of
 from motion_numbers import assert_same_bits
+from pushed_inputs import push_block
 from world import Options, Recording, make_recording, random_stage, samples, with_probes, with_probes_alone
 
 from faults.documenting import Row, shows
@@ -68,7 +69,7 @@ def run(recording: Recording):
     for _, topic, block in recording.timeline():
         name = topic.split("/")[2]
         if name in estimator.inputs and len(block.rows):
-            named += estimator.push(name, block)
+            named += push_block(estimator, name, block)
             for what, _ in estimator.reasons:
                 doubted.setdefault(what, (int(block.times_ns[-1]) - recording.start_ns) * 1e-9)
     named += estimator.finish()

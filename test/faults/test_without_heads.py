@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from described_stages import stage_of
 from motion_numbers import assert_same_bits, decisions_of
+from pushed_inputs import push_block
 from world import PROBE_FAULTS, Options, Recording, make_recording, random_stage, with_probes, with_probes_alone
 
 from faults.documenting import Row, shows
@@ -50,7 +51,7 @@ def streams_of(recording: Recording) -> tuple[StageDescription, list[tuple[str, 
 
 
 def published(estimator: Estimator, pairs: list[tuple[str, SampleBlock]]) -> ErrorMotion:
-    found = [made for name, block in pairs for made in estimator.push(name, block)] + estimator.finish()
+    found = [made for name, block in pairs for made in push_block(estimator, name, block)] + estimator.finish()
     return ErrorMotion.joined(found)
 
 

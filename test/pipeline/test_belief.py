@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pipeline.test_estimation import AZIMUTHS, SPEED, STAGE, START, in_order, run, streams, true_motion
+from pushed_inputs import push_block
 
 from rotary_error_monitor.pipeline.estimation import Estimator, EstimatorSettings
 from rotary_error_monitor.pipeline.evidence import COLUMNS, INDEX, Means, Scatter, Window
@@ -144,7 +145,7 @@ def test_no_tick_shows_more_than_the_stage_can_do(factor, letters):
         if name[-1] in letters or not name.startswith("head"):
             scale = factor if name.startswith("head") else 1.0
             scaled = SampleBlock(block.stamp_ns, block.names, block.rows * [1.0, *[scale] * (len(block.names) - 1)])
-            for each in estimator.push(name, scaled):
+            for each in push_block(estimator, name, scaled):
                 seen += np.hypot(*np.where(each.observable, each.components, 0.0)[:, :2].T).tolist()
     assert max(seen, default=0.0) <= stage.limits.radial * 1.1
 

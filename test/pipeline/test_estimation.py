@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from motion_numbers import assert_same_bits, decisions_of, numbers_of
+from pushed_inputs import push_block
 
 from rotary_error_monitor.description.stage import (
     AngularHarmonic,
@@ -86,7 +87,7 @@ def in_order(all_streams):
 
 def run(pairs, stage=STAGE, finish=True, **options):
     estimator = Estimator(stage, options.pop("settings", None), **options)
-    out = [made for name, block in pairs for made in estimator.push(name, block)]
+    out = [made for name, block in pairs for made in push_block(estimator, name, block)]
     if finish:
         out += estimator.finish()
     return estimator, ErrorMotion.joined(out)
@@ -263,13 +264,13 @@ def test_after_the_clock_was_set_back_nothing_is_doubted_and_all_is_told_at_once
     for name, block in in_order(streams(every={"rate": 1000.0, "block": 0.01, "duration": 2.0})):
         measured = noisy(name, (block.times_ns - START) * 1e-9)
         before = block_from_samples(block.times_ns, block.names[1:], measured)
-        estimator.push(name, before, int(block.times_ns[-1]) + 2_000_000)
+        push_block(estimator, name, before, int(block.times_ns[-1]) + 2_000_000)
     assert not dict(estimator.belief.reasons)
     out = []
     for name, block in in_order(streams(every={"rate": 1000.0, "block": 0.01, "duration": 1.0})):
         times = block.times_ns - round(back * 1e9) + 2_000_000_000
         later = block_from_samples(times, block.names[1:], noisy(name, (block.times_ns - START) * 1e-9 + 2.0 + jump))
-        out += estimator.push(name, later, int(times[-1]) + 2_000_000)
+        out += push_block(estimator, name, later, int(times[-1]) + 2_000_000)
         assert not dict(estimator.belief.reasons)
     assert estimator.status.restarts == 1
     told = ErrorMotion.joined(out)
@@ -289,13 +290,13 @@ def test_a_silence_of_the_heads_is_seen_although_the_clock_shows_less_than_befor
     every = {"rate": 1000.0, "block": 0.01, "duration": 2.6}
     given = {} if command else {"command": None}
     for name, block in in_order(streams(every=every, **given)):
-        estimator.push(name, block, int(block.times_ns[-1]) + 2_000_000)
+        push_block(estimator, name, block, int(block.times_ns[-1]) + 2_000_000)
     assert estimator.belief.verified == 1.0 and not estimator.belief.verdict.has("unverified")
     silent = {f"head_{letter}": every | {"duration": 1.6, "drop": [(0.6, 1.2)]} for letter in AZIMUTHS}
     unverified = {"before": [], "after": [], "at last": []}
     for name, block in in_order(streams(every=every | {"duration": 1.6}, **silent, **given)):
         later = block_from_samples(block.times_ns - 3600 * 10**9, block.names[1:], block.rows[:, 1:])
-        estimator.push(name, later, int(later.times_ns[-1]) + 2_000_000)
+        push_block(estimator, name, later, int(later.times_ns[-1]) + 2_000_000)
         passed = (block.times_ns[-1] - START) * 1e-9
         when = "before" if passed < 0.6 else "after" if passed < 1.55 else "at last"
         unverified[when].append(estimator.belief.verdict.has("unverified"))
@@ -356,7 +357,7 @@ def test_heads_that_contradict_one_another_for_no_known_reason_publish_nothing()
     everything = streams(every={"rate": 1000.0})
     everything["head_b"] = [SampleBlock(b.stamp_ns, b.names, b.rows + [0.0, 5e-5]) for b in everything["head_b"]]
     estimator = Estimator(STAGE)
-    out = [made for name, block in in_order(everything) for made in estimator.push(name, block)]
+    out = [made for name, block in in_order(everything) for made in push_block(estimator, name, block)]
     assert out == []
     assert estimator.status.withheld > 500
     assert "the heads contradict one another by 4" in dict(estimator.belief.reasons)["heads"]
@@ -376,7 +377,7 @@ def test_before_all_heads_that_are_awaited_have_begun_none_of_them_is_believed(b
     for name, block in in_order(streams(**changes)):
         off = [0.0, size if name == f"head_{wrong}" else 0.0]
         shifted = SampleBlock(block.stamp_ns, block.names, block.rows + off) if name in heads else block
-        for made in estimator.push(name, shifted):
+        for made in push_block(estimator, name, shifted):
             assert not np.any(made.streams >> heads.index(f"head_{wrong}") & 1), "a bearing cannot move that far"
 
 
@@ -477,7 +478,7 @@ def test_a_block_that_is_wholly_in_the_future_is_refused_live_and_in_replay():
 
 def test_an_unknown_stream_is_refused():
     with pytest.raises(InputError, match="no stream 'head_x' in this stage; it has head_a"):
-        Estimator(STAGE).push("head_x", blocks("head_a")[0])
+        push_block(Estimator(STAGE), "head_x", blocks("head_a")[0])
 
 
 @pytest.mark.parametrize("name", ["period_ns", "patience_ns", "max_gap_ns", "disagreement_limit"])

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from motion_numbers import assert_same_bits, decisions_of
 from pipeline.test_estimation import NAMES, SPEED, STAGE, START, in_order, true_motion, values
+from pushed_inputs import push_block
 
 from rotary_error_monitor.codec.error_motion_blocks import block_from_error_motion, error_motion_from_block
 from rotary_error_monitor.description.stage import AngularHarmonic, ListedSensor, PlanarHarmonic
@@ -115,7 +116,7 @@ def run(pairs, stage, **options):
     estimator = Estimator(stage, EstimatorSettings(), **options)
     doubted, out = {}, []
     for name, block in pairs:
-        out += estimator.push(name, block)
+        out += push_block(estimator, name, block)
         doubted |= {what: why for what, why in estimator.reasons if what not in doubted}
     return estimator, ErrorMotion.joined([*out, *estimator.finish()]), doubted
 
@@ -257,7 +258,7 @@ def test_a_description_without_the_sensors_of_the_live_run_does_not_repeat_it():
     again = Estimator(described({}), EstimatorSettings(), decisions_of(live))
     for name, block in pairs:
         if name not in AXIAL:
-            again.push(name, block)
+            push_block(again, name, block)
     again.finish()
     assert again.unrepeated.keys() == {OTHERS} and len(np.concatenate(again.unrepeated[OTHERS])) > 300
 

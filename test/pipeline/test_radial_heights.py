@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import yaml
 from described_stages import stage_of
+from pushed_inputs import push_block
 from world import Options, make_recording, random_stage
 
 from rotary_error_monitor.bags.writer import write_messages
@@ -32,7 +33,7 @@ def estimated(recording):
     for arrival, topic, block in recording.timeline():
         name = topic.split("/")[2]
         if name in streams and len(block.rows):
-            blocks += estimator.push(name, block, arrival)
+            blocks += push_block(estimator, name, block, arrival)
     return blocks + estimator.finish()
 
 
@@ -73,7 +74,7 @@ def test_without_tilt_only_the_ring_is_told():
         for arrival, topic, block in recording.timeline():
             name = topic.split("/")[2]
             if (name.startswith("head_") or name == "command") and len(block.rows):
-                blocks += estimator.push(name, block, arrival)
+                blocks += push_block(estimator, name, block, arrival)
         for block in blocks:
             found = at_heights(block)
             assert (found.column("observable") == (found.column("height") == 0.0)).all()

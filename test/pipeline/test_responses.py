@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from motion_numbers import assert_same_bits
+from pushed_inputs import push_block
 
 from rotary_error_monitor.bags.writer import write_messages
 from rotary_error_monitor.description.response import Response
@@ -52,7 +53,7 @@ def estimated(made, known=None, seed=0, duration=12.0):
     """Estimator and error motion of what a stage `made` shows to one that is `known`; its error beside the truth."""
     estimator = Estimator(known or made)
     plant, pairs = recorded(made, seed, duration, estimator.inputs)
-    out = [made for name, block in pairs for made in estimator.push(name, block)] + estimator.finish()
+    out = [made for name, block in pairs for made in push_block(estimator, name, block)] + estimator.finish()
     motion = ErrorMotion.joined(out)
     truth = plant.scene((motion.times_ns - EPOCH) * 1e-9).error_motion
     return estimator, motion, (motion.components - truth)[:, SEEN]

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from described_stages import stage_of
 from mock_bags import EPOCH_NS
+from pushed_inputs import push_block
 from scipy.stats import binom
 from staged_files import BALL_PROBE, STAGES
 
@@ -91,7 +92,7 @@ def estimated(stage, plant):
         blocks += [(int(part.times_ns[-1]), stream, part) for part in parts]
     found = []
     for _, stream, block in sorted(blocks, key=lambda each: each[:2]):
-        found += estimator.push(stream, block)
+        found += push_block(estimator, stream, block)
     return ErrorMotion.joined([*found, *estimator.finish()])
 
 

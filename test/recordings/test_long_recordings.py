@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from mock_bags import STREAMS, write_mock_bag, write_stage_bag
 from peak_memory import measured
+from pushed_inputs import push_block
 
 from rotary_error_monitor.bags.kept_rows import RowsOnDisk, kept_in
 from rotary_error_monitor.bags.reader import BagReader
@@ -55,7 +56,7 @@ def estimated(bag):
     estimator, found = Estimator(load_stage()), []
     for topic, content in BagReader(bag).replay(list(names)):
         if names[topic] in estimator.inputs:
-            found += estimator.push(names[topic], content)
+            found += push_block(estimator, names[topic], content)
     return found + estimator.finish()
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from drawn_curves import DrawnCurves
+from pushed_inputs import push_block
 
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.description.stage import TIMINGS, StageDescription
@@ -69,7 +70,7 @@ def test_a_live_run_in_other_blocks_gives_the_same_bits(recorded: Any) -> None:
     parts = [(topic, part) for topic, blocks in read.items() for block in blocks for part in halves(block)]
     live = []
     for topic, part in sorted(parts, key=lambda pair: int(pair[1].times_ns[-1])):
-        live += estimator.push(topics[topic], part)
+        live += push_block(estimator, topics[topic], part)
     live += estimator.finish()
     components = np.concatenate([motion.components for motion in live])
     seen = np.concatenate([motion.observable for motion in live])
