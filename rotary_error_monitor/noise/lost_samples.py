@@ -17,15 +17,20 @@ MOST_TURNING = 0.05
 
 
 def input_gaps(recording: StageRecording) -> Array:
-    """(n, 2) spans of time in which nothing can be predicted: command or force were not recorded."""
+    """(n, 2) spans of time in which nothing can be predicted: command or force were not recorded, or not yet."""
+    command = recording.streams["command"]
+    first, last = float(command.time[0]), float(command.time[-1])
     spans: list[tuple[float, float]] = []
     for name in ("command", "force"):
         stream: Stream | None = recording.streams.get(name)
         if stream is not None:
-            wide = np.flatnonzero(np.diff(stream.time) > 3.5 * stream.period)
+            longest = 3.5 * stream.period
+            wide = np.flatnonzero(np.diff(stream.time) > longest)
             spans += [(float(stream.time[i]), float(stream.time[i + 1])) for i in wide]
-    command = recording.streams["command"]
-    spans += [(-np.inf, float(command.time[0])), (float(command.time[-1]), np.inf)]
+            if name == "force":  # that which begins with the command stays as it is to the end
+                spans += [(-np.inf, float(stream.time[0]))] if stream.time[0] - first > longest else []
+                spans += [(float(stream.time[-1]), np.inf)] if last - stream.time[-1] > longest else []
+    spans += [(-np.inf, first), (last, np.inf)]
     return np.asarray(spans)
 
 

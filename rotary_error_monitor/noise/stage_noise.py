@@ -15,7 +15,8 @@ Three kinds of noise, each from what the description says:
 An instrument may have slow noise besides, each of its channels a course of its own.
 
 Readings of a sensor that moves by less than a step weigh as one where noise does not break up its steps. Single samples
-far out (spikes) and samples around lost blocks take no part.
+far out and short bursts of them (spikes) and samples around lost blocks take no part, but those that come again at one
+place of the turn do: something is there.
 """
 
 from __future__ import annotations
@@ -26,7 +27,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import StageDescription
@@ -35,12 +35,10 @@ from rotary_error_monitor.noise.head_grid import HeadRows, align_heads, rate_of,
 from rotary_error_monitor.noise.jitter import Jitter
 from rotary_error_monitor.noise.lost_samples import between_samples, bridge, input_gaps, inside, turning_points
 from rotary_error_monitor.noise.slow_noise import Cells, SlowNoise, cells_of
+from rotary_error_monitor.noise.spikes import find_head_spikes, find_spikes
 from rotary_error_monitor.noise.whitening import Whitener, drift_predictor, few_at_once, predictor, segments_of
 from rotary_error_monitor.sensors.library import COMMAND, instrument_of, sensor_kinds, sensor_of
-from rotary_error_monitor.twin.recording import StageRecording
-
-SPIKE = 6.0
-"""A sample further than this many standard deviations from its neighbours' median is a spike: one in 10^9 by chance."""
+from rotary_error_monitor.twin.recording import StageRecording, Stream
 
 CELLS = 480
 """Cells of a recording in which slow noise is the same: eight to a wave of its highest order, 120 half periods."""
@@ -98,10 +96,10 @@ class StageNoise:
         lost, turning = input_gaps(recording), turning_points(recording.streams[COMMAND])
         spans = {name: lost if name in self.grid.heads else np.concatenate([lost, turning]) for name in residual}
         self._kept = {name: ~inside(recording.streams[name].time, own) for name, own in spans.items()}
+        self.spikes = self._find_spikes(stage, residual, recording.streams[COMMAND])
         self._present = self._heads_present()
         least = self.std[HEAD] / np.sqrt(max(len(self.grid.heads), 1))
         self.uncommanded = between_samples(recording.streams[COMMAND], self.grid.time, least)
-        self.spikes = {name: self._find_spikes(name, residual[name]) for name in self._sensors}
         self._row_weight = weight_of_rows(self.grid, self._weights)
         for name in self.grid.heads:  # filters go on over turning points, as over a command that is not known
             rows = self.grid.rows_of(name, inside(recording.streams[name].time, turning))
@@ -311,6 +309,21 @@ class StageNoise:
         spectrum = np.fft.rfft(both) * (density / (density + self.command_floor))
         return np.asarray(np.fft.irfft(spectrum, len(both))[: len(course)], np.float64)
 
+    def _find_spikes(
+        self, stage: StageDescription, residual: Mapping[str, Array], command: Stream
+    ) -> dict[str, NDArray[np.bool_]]:
+        """(n, k) which samples of each stream are spikes; those of heads are as good as lost."""
+        found = {}
+        if self.grid.heads:
+            azimuths = {f"{HEAD}_{letter}": azimuth for letter, azimuth in stage.azimuths.items()}
+            found = find_head_spikes(self.grid, residual, self.std[HEAD], azimuths, command)
+        for name, spikes in found.items():
+            self._kept[name] &= ~spikes[:, 0]
+        for name in self._sensors:
+            std = self.std[instrument_of(name)]
+            found[name] = find_spikes(residual[name], std, self._streams[name], command)
+        return found
+
     def _heads_present(self) -> NDArray[np.bool_]:
         """(m, heads) which heads were read at each instant."""
         present = self.grid.present.copy()
@@ -381,12 +394,6 @@ class StageNoise:
         for start, stop in itertools.pairwise(bounds):
             found += [slice(start + s.start, start + s.stop) for s in segments_of(kept[start:stop])]
         return found
-
-    def _find_spikes(self, name: str, residual: Array) -> NDArray[np.bool_]:
-        # The median of neighbours follows every effect that is slower than a few samples, however large.
-        apart = residual - median_filter(residual, (7, 1), mode="mirror")
-        spread = 1.4826 * np.median(np.abs(apart), axis=0)
-        return np.asarray(np.abs(apart) > SPIKE * np.maximum(spread, self.std[instrument_of(name)]), bool)
 
     def _turbulence_filters(self) -> dict[str, Whitener]:
         """Of the sensors whose noise has a slow part."""

@@ -13,12 +13,15 @@ from rotary_error_monitor.arrays import Array
 AT_ONCE = 2**15
 """Numbers of a column or of several that are worked on together: these fit into a processor's cache."""
 
-_TAPS = 256
-"""Length of a filter."""
+_TAPS = 1024
+"""Length of a filter: a second of the fastest heads, after which a jitter far above the floor is forgotten."""
+
+_START_UP, _KEPT = 1e-2, 1e-4
+"""Part of the variance that a filter may leave out at its start, and ever after."""
 
 
 def whitening_taps(density: Callable[[Array], Array], period: float) -> Array:
-    """Causal minimum-phase filter (256,) whose output is white with variance 1 for noise of that spectrum.
+    """Causal minimum-phase filter (1024,) whose output is white with variance 1 for noise of that spectrum.
 
     The cepstrum of `1 / sqrt(density)` folded to positive times gives the minimum-phase filter (Oppenheim and Schafer,
     Discrete-Time Signal Processing, homomorphic spectral factorisation). It is the one-step predictor of the noise, so
@@ -43,7 +46,7 @@ class Whitener:
 
     Attributes:
         taps: (k,) its response to a single sample.
-        start_up: samples after which a filter started from nothing has all but 1 % of its memory.
+        start_up: samples after which a filter started from nothing leaves out next to nothing of the noise.
     """
 
     taps: Array
@@ -108,9 +111,27 @@ def side_by_side(parts: Sequence[Array]) -> Array:
 def predictor(density: Callable[[Array], Array], period: float) -> Whitener:
     """Whitener of noise with any smooth spectrum."""
     taps = whitening_taps(density, period)
-    energy = np.cumsum(taps[::-1] ** 2)[::-1] / np.sum(taps**2)
-    start_up = int(np.argmax(energy < 1e-4)) if (energy < 1e-4).any() else len(taps)
-    return Whitener(taps[: max(2 * start_up, 8)], start_up)
+    power = density(np.asarray(np.fft.rfftfreq(2 * _TAPS, period), np.float64)) / (2 * period)
+    start_up = _memory(taps, power, _START_UP)
+    return Whitener(taps[: max(_memory(taps, power, _KEPT), 8)], start_up)
+
+
+def _memory(taps: Array, power: Array, part: float) -> int:
+    """Taps after which the others make less than a part of the variance of the noise that they whiten.
+
+    Of noise far louder at some frequencies than at others small taps may make much.
+
+    Args:
+        taps: of the filter.
+        power: (k,) variance of a sample of the noise, at evenly spaced frequencies from 0 to the highest.
+        part: of variance 1.
+    """
+    low, high = 0, len(taps)
+    while high - low > 1:
+        middle = (low + high) // 2
+        left_out = np.square(np.abs(np.fft.rfft(taps[middle:], 2 * (len(power) - 1)))) * power
+        low, high = (low, middle) if np.mean(left_out) < part else (middle, high)
+    return high
 
 
 def drift_predictor(std: float, correlation_time: float, white: float, period: float) -> Whitener:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from rotary_error_monitor.noise.jitter import Jitter
 from rotary_error_monitor.noise.whitening import convolve, drift_predictor, predictor, segments_of, whitening_taps
 
 PERIOD = 0.004
@@ -89,3 +90,19 @@ def test_the_filter_of_a_drift_is_its_recursion():
     filtered = whitener.apply(rows, [slice(0, 2000)])
     later, close = slice(whitener.start_up, None), 1e-6 * float(np.abs(recursion).max())
     np.testing.assert_allclose(filtered[later], recursion[later], rtol=0, atol=close)
+
+
+@pytest.mark.parametrize("period", [0.001, 0.004])
+@pytest.mark.parametrize("floor", [3e-17, 1e-15, 1e-13])
+@pytest.mark.parametrize(("bandwidth", "shape"), [(6.66, 2.9), (5.0, 1.2), (10.0, 2.0)])
+def test_jitter_far_above_its_floor_becomes_white(period, floor, bandwidth, shape):
+    """The gain of the filter is one over the root of the density, at all frequencies and behind its start-up."""
+    jitter = Jitter(2e-6, bandwidth, shape)
+    whitener = predictor(lambda frequency: jitter.density(frequency) + floor, period)
+    frequency = np.array([0.5, 1.0, 2.0, 4.0, 6.0, 8.0, 10.0, 13.0, 17.0, 25.0, 50.0, 100.0])
+    turns = np.exp(-2j * np.pi * frequency[:, None] * period * np.arange(len(whitener.taps)))
+    density = (jitter.density(frequency) + floor) / (2 * period)
+    np.testing.assert_allclose(np.square(np.abs(turns @ whitener.taps)) * density, 1.0, atol=0.2)
+    dense = np.fft.rfftfreq(2**15, period)
+    left = np.square(np.abs(np.fft.rfft(whitener.taps[whitener.start_up :], 2**15)))
+    assert np.mean(left * (jitter.density(dense) + floor) / (2 * period)) < 0.02

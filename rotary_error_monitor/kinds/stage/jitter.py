@@ -16,6 +16,7 @@ from rotary_error_monitor.gap.orders import order_spectrum
 from rotary_error_monitor.gap.p_values import NORMAL_QUARTILE
 from rotary_error_monitor.kinds.stage.search import LINES
 from rotary_error_monitor.noise.jitter import Jitter
+from rotary_error_monitor.noise.lost_samples import bridge
 
 LINE = 40.0
 """A line is this many times the power of the spectrum around it: one in 10^17 by chance."""
@@ -38,11 +39,14 @@ SAME = 1e-10
 SETTLED = 1e-3
 """Turns, over the whole recording, by which a line's phase may still be off."""
 
-_BOUNDS = ((1e-12, 1.0), (0.1, 100.0), (0.5, 4.0))
-"""Of the standard deviation (rad), the bandwidth (Hz) and the shape of a jitter."""
+_BOUNDS = ((1e-12, 1.0), (0.1, 100.0), (0.5, 8.0))
+"""Of the standard deviation (rad), the bandwidth (Hz) and the shape of a jitter: up to the fall of a steep low pass."""
 
 _STARTS = (0.5, 5.0, 25.0)
 """Bandwidths, Hz, from which the fit of a spectrum starts."""
+
+_SHAPE = 2.0
+"""Shape, a Gaussian's, from which it does: steeper and flatter spectra are reached from it."""
 
 STRETCH = 2000
 """Samples of one stretch of the averaged periodogram."""
@@ -111,7 +115,9 @@ def estimate_jitter(motion: SharedMotion) -> tuple[Jitter, Array]:
     """
     frequencies, left = _separated(motion)
     period = float(np.ptp(motion.time)) / (len(motion.time) - 1)
-    frequency, power = periodogram(left, period)
+    # Where nothing is known of the motion it did not stand still: that would look like power at all frequencies.
+    whole = bridge(left[:, None], ~motion.known)[:, 0]
+    frequency, power = periodogram(whole, period)
     # The mean of many periodograms scatters little, so its median is nearly its mean.
     return fit_spectrum(frequency, power * np.log(2.0), motion.floor), frequencies
 
@@ -278,7 +284,8 @@ def fit_spectrum(frequency: Array, power: Array, floor: float) -> Jitter:
     bounds = Bounds(*np.log(_BOUNDS).T)
     best, lowest = Jitter(), np.inf
     for first in _STARTS:
-        start = np.log([best.std, first, best.shape])
+        # Each from anew: where one ends at a worse fit the next would stay there.
+        start = np.log([Jitter().std, first, _SHAPE])
         found = minimize(
             misfit,
             start,

@@ -15,7 +15,6 @@ from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.rotor import HEAD
 from rotary_error_monitor.gap.known_effects import KnownEffects
 from rotary_error_monitor.gap.normal import own_rest
-from rotary_error_monitor.gap.p_values import NORMAL_QUARTILE
 from rotary_error_monitor.gap.problem import Columns, LateRows, Rows, SparseRows
 from rotary_error_monitor.gap.slow_noise import Rivals, cosines, in_all, learn_slow_noise
 from rotary_error_monitor.gap.structure import Track
@@ -232,17 +231,17 @@ def _by_instrument(tracks: Iterable[Track]) -> dict[str, list[Track]]:
 def _as_stated_or_louder(level: float, tracks: Sequence[Track]) -> float:
     """How many times the stated noise an instrument has by differences of neighbouring rows, where that is more.
 
-    The median is free of what single rows show; of readings in coarse steps it is one of few values, and their root
-    mean square is the less wrong one.
+    That of the parts of the recording in the middle is free of what happens in a few of them. Squares and not
+    magnitudes count: of noise with heavy tails they are what sums of many rows scatter by, and so what tests go by.
 
     Args:
         level: how many times the stated noise the rows are white with.
         tracks: of all channels of the instrument.
     """
-    apart = np.concatenate([_differences(track) for track in tracks])
-    median = float(np.median(np.abs(apart))) / (np.sqrt(2) * NORMAL_QUARTILE)
-    found = level * min(median, float(np.sqrt(0.5 * np.mean(np.square(apart)))))
-    return found if found > 1 + max(NOISIER, 5 / np.sqrt(len(apart))) else 1.0
+    squares = [0.5 * np.square(_differences(track)) for track in tracks]
+    parts = np.mean([[float(np.mean(part)) for part in np.array_split(own, PARTS)] for own in squares], axis=0)
+    found = level * float(np.sqrt(min(np.median(parts), np.mean(parts))))
+    return found if found > 1 + max(NOISIER, 5 / np.sqrt(sum(map(len, squares)))) else 1.0
 
 
 def _as_stated_or_quieter(level: float, tracks: Sequence[Track]) -> float:

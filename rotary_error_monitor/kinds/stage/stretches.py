@@ -20,6 +20,7 @@ from rotary_error_monitor.gap.departures import Departures
 from rotary_error_monitor.gap.problem import Columns, Conditions, LateRows, Rows, SparseRows, StretchedConditions
 from rotary_error_monitor.kinds.stage.conditions import MOST_BLOCKS
 from rotary_error_monitor.kinds.stage.forces import with_shaft_force
+from rotary_error_monitor.kinds.stage.gross_inputs import without_gross_inputs
 from rotary_error_monitor.kinds.stage.problem import OfWhole, StageProblem
 from rotary_error_monitor.kinds.stage.search import StageSearch, effects_in
 from rotary_error_monitor.kinds.stage.stuck import without_stuck
@@ -42,8 +43,9 @@ def stage_problem(
     effects: Sequence[StageEffect],
     known: Sequence[Cause] = (),
 ) -> StageProblem:
-    """The problem of a recording of any length, without what is stuck or of no use; arguments as `StageProblem`."""
-    stage, recording = with_shaft_force(*with_useful_inputs(stage, without_stuck(stage, recording)))
+    """The problem of a recording of any length, without what is off, stuck or useless; arguments as `StageProblem`."""
+    sound = without_stuck(stage, without_gross_inputs(stage, recording))
+    stage, recording = with_shaft_force(*with_useful_inputs(stage, sound))
     kind = LongStageProblem if recording.duration > LONGEST else StageProblem
     return kind(stage, recording, effects, known)
 

@@ -30,6 +30,9 @@ UNKNOWN_WARMING = 3.0
 
 UNKNOWN_COURSES = 4
 
+GAP = 3.5
+"""Samples of a thermometer that may be missing at either end, as in a stream that has lost none."""
+
 NOISY_COURSES = 8
 """Slow courses in which a smoothed thermometer errs: it passes about seven, faster ones are smoothed away."""
 
@@ -43,7 +46,7 @@ def uncertain_warmings(twin: StageTwin, recording: StageRecording) -> tuple[Othe
     elif np.any(twin.stage.spindle.radial_thermal):
         read = recording.streams[TEMPERATURE]
         half = step_of(read.values[:, 0]) / 2
-        courses = [*([_always(half)] if half else []), *_noisy(read)]
+        courses = [*([_always(half)] if half else []), *_noisy(read), *_unread(read, recording.duration)]
     else:
         courses = []
     whole = (OtherTwin(twin, _Warmed(course)) for course in courses)
@@ -164,7 +167,10 @@ def _of_places(twin: StageTwin, recording: StageRecording) -> Iterator[tuple[str
         noise = float(np.hypot(sensor.noise, sensor.resolution / np.sqrt(12)))
         size = float(np.hypot(sensor.uncertainty, sensor.resolution / 2))
         zero = [_always(size)] if size else []
-        yield from ((place, course) for course in (*zero, *_noisy(recording.streams[stream], noise)))
+        noisy = _noisy(recording.streams[stream], noise)
+        yield from (
+            (place, course) for course in (*zero, *noisy, *_unread(recording.streams[stream], recording.duration))
+        )
     stated = {cause.location for cause in twin.known if isinstance(cause.effect, StageEffect) and cause.effect.warms}
     for place in sorted(stated - {"", *read}):
         yield from ((place, course) for course in _unknown(recording.duration))
@@ -194,6 +200,27 @@ def _noisy(temperature: Stream, stated: float | None = None) -> list[Course]:
         return lambda time: std * np.cos(np.pi * order * np.clip((np.asarray(time, np.float64) - begin) / span, 0, 1))
 
     return [course(order) for order in range(NOISY_COURSES)]
+
+
+def _unread(temperature: Stream, last: float) -> Iterator[Course]:
+    """What warming may be before the first reading and behind the last, K: powers of time, as where nobody reads it.
+
+    A thermometer that begins and ends with the recording, to a few of its samples, leaves nothing unread.
+    """
+    least = GAP * temperature.period
+
+    def course(end: float, sign: float, power: int) -> Course:
+        def unread(time: Array) -> Array:
+            return UNKNOWN_WARMING * (2 * np.maximum(sign * (np.asarray(time, np.float64) - end), 0.0) / last) ** power
+
+        return unread
+
+    for end, sign, missing in (
+        (float(temperature.time[0]), -1.0, float(temperature.time[0])),
+        (float(temperature.time[-1]), 1.0, last - float(temperature.time[-1])),
+    ):
+        if missing > least:
+            yield from (course(end, sign, power) for power in range(1, UNKNOWN_COURSES))
 
 
 @dataclass(frozen=True)

@@ -129,3 +129,37 @@ def test_a_floor_that_is_a_little_off_outweighs_no_jitter(off, bandwidth):
         found = fit_spectrum(frequency, (true.density(frequency) + floor) * scatter * np.log(2.0), off * floor)
         ratio = found.density(frequency[below]) / true.density(frequency[below])
         assert np.mean(np.log(ratio)) == pytest.approx(0, abs=0.6)
+
+
+@pytest.mark.parametrize(("bandwidth", "shape"), [(6.66, 2.9), (2.0, 0.8), (8.0, 3.5), (3.0, 2.0), (15.0, 1.2)])
+@pytest.mark.parametrize("floor", [3e-17, 1e-14])
+def test_a_spectrum_is_found_however_far_below_it_the_floor_is(bandwidth, shape, floor):
+    """Periodograms averaged over 30 stretches: each a chi-square of 60 degrees of freedom about the density."""
+    frequency, true = 0.5 * np.arange(1, 1000), Jitter(2e-6, bandwidth, shape)
+    for seed in range(4):
+        scatter = np.random.default_rng(seed).chisquare(60, len(frequency)) / 60
+        # what is given is the median of one bin, `fit_spectrum` expects power times ln 2
+        power = (true.density(frequency) + floor) * scatter * np.log(2.0)
+        found = fit_spectrum(frequency, power, floor)
+        off = np.log((found.density(frequency) + floor) / (true.density(frequency) + floor))
+        # of a narrow one few frequencies tell
+        assert np.mean(np.abs(off[frequency < 3 * bandwidth])) < 0.3
+        assert np.max(np.abs(off[(frequency > 3 * bandwidth) & (frequency < 100)]), initial=0.0) < 1.0
+
+
+def test_a_motion_that_is_not_known_for_moments_has_no_power_at_all_frequencies():
+    """Far above a jitter's frequencies its spectrum keeps to the floor, which is 40 dB lower than where it was zero."""
+    draw = np.random.default_rng(5)
+    filtered = sosfilt(butter(6, 8.0, fs=1 / PERIOD, output="sos"), draw.normal(size=COUNT))
+    jitter, noise = 2e-6 * filtered / filtered.std(), 1e-8
+    known = np.ones(COUNT, bool)
+    for first in draw.integers(100, COUNT - 100, 40):
+        known[first : first + 3] = False
+    values = np.where(known, jitter + noise * draw.normal(size=COUNT), 0.0)
+    floor = 2 * PERIOD * noise**2
+    shared = SharedMotion(TIME, COMMAND, values, known, np.ones((COUNT, 1)), floor)
+    found, _ = estimate_jitter(shared)
+    frequency, power = welch(jitter, 1 / PERIOD, nperseg=1000)
+    band = (frequency > 0.5) & (frequency < 7.0)
+    assert np.mean(found.density(frequency[band])) == pytest.approx(np.mean(power[band]), rel=0.3)
+    assert found.density(np.array([40.0]))[0] < 20 * floor
