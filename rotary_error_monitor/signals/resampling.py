@@ -56,6 +56,11 @@ class Resampled:
             self.values[chosen], self.gain[chosen], self.travel[chosen], self.bend[chosen], self.valid[chosen]
         )
 
+    def replaced(self, chosen: Mask, part: Resampled) -> Resampled:
+        """The same with those of `part` at the chosen (m,) ticks."""
+        copies = (self.values, self.gain, self.travel, self.bend, self.valid)
+        return _merged(Resampled(*(each.copy() for each in copies)), part, chosen)
+
 
 def tick_times(first: int, count: int, period_ns: int) -> NDArray[np.int64]:
     """(count,) timestamps (ns) of the ticks `first`, `first + 1`, …: the middles of cells of `period_ns`."""
