@@ -58,8 +58,8 @@ class Resampled:
 
     def replaced(self, chosen: Mask, part: Resampled) -> Resampled:
         """The same with those of `part` at the chosen (m,) ticks."""
-        copies = (self.values, self.gain, self.travel, self.bend, self.valid)
-        return _merged(Resampled(*(each.copy() for each in copies)), part, chosen)
+        values, gain, travel, bend = (each.copy() for each in (self.values, self.gain, self.travel, self.bend))
+        return _merged(Resampled(values, gain, travel, bend, self.valid.copy()), part, chosen)
 
 
 def tick_times(first: int, count: int, period_ns: int) -> NDArray[np.int64]:
