@@ -65,30 +65,34 @@ def predict_axis_compensation(machine: MachineDescription, letter: str, rows: in
     if not 2 <= rows <= MOST_ROWS:
         raise InputError(f"{rows} rows; a COMP_FILE takes from 2 to {MOST_ROWS}")
     axis = machine.axis(letter)
-    number = machine.letters.index(letter)
-    own = int(np.argmax(np.abs(axis.direction))) + (0 if axis.kind == "linear" else 3)
-    component = machine.errors.get(f"E{'XYZABC'[own]}{letter}")
-    measured = np.array(component.table.positions) if component is not None and component.table is not None else None
-    only_table = measured is not None and component is not None and not component.poly and not component.harmonic
-    if measured is not None and only_table and len(measured) <= rows:
-        positions = measured
-    else:
-        positions = np.linspace(*axis.travel, rows)
+    measured = _measured_positions(machine, axis)
+    positions = measured if 2 <= len(measured) <= rows else np.linspace(*axis.travel, rows)
     dense = np.linspace(positions[0], positions[-1], 20 * MOST_ROWS)
-    sign = math.copysign(1.0, axis.direction[own % 3])
     columns, residue = [], 0.0
     for direction in (1.0, -1.0):
-        at_rows, at_dense = (sign * _own_error(machine, number, own, q, direction) for q in (positions, dense))
+        at_rows, at_dense = (_own_error(machine, axis, q, direction) for q in (positions, dense))
         columns.append(at_rows)
         residue = max(residue, float(np.abs(np.interp(dense, positions, at_rows) - at_dense).max()))
     return AxisCompensation(letter, axis.kind == "rotary", positions, columns[0], columns[1], residue)
 
 
-def _own_error(machine: MachineDescription, number: int, own: int, q: Array, direction: float) -> Array:
+def _measured_positions(machine: MachineDescription, axis: Axis) -> Array:
+    """Rising positions of the tables of an axis' positioning error; none where something beside tables is in it."""
+    components = [machine.errors[name] for name in axis.positioning_shares if name in machine.errors]
+    if any(each.table is None or each.poly or each.harmonic for each in components):
+        return np.empty(0)
+    tables = [each.table.positions for each in components if each.table is not None]
+    return np.unique(np.concatenate([*tables, np.empty(0)]))
+
+
+def _own_error(machine: MachineDescription, axis: Axis, q: Array, direction: float) -> Array:
+    """(n,) errors of an axis along its own direction at positions (n,), by direction of travel, m or rad."""
+    number, first = machine.letters.index(axis.letter), 0 if axis.kind == "linear" else 3
     positions = np.zeros((len(machine.axes), len(q)))
     positions[number] = q
     errors = arrange_components(machine).at(positions, np.full_like(positions, direction), None)
-    return np.asarray(errors[own, number], dtype=np.float64)
+    along: Array = np.array(axis.direction) @ errors[first : first + 3, number]
+    return along
 
 
 def comp_file(compensation: AxisCompensation, kind: Literal[0, 1]) -> str:

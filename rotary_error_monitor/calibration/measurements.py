@@ -208,8 +208,11 @@ def read_mirror_profile(path: Path | str) -> Array:
 
 def _check_pass(table: Table, rows: list[int], positions: Array, directions: Array, name: str) -> None:
     for k, direction in enumerate(directions):
-        if direction not in (1, -1) or direction != directions[0]:
-            raise table.error(rows[k], f"{name}: direction {direction:g}; expected 1 or -1, the same in all of a run")
+        if direction not in (1, -1):
+            raise table.error(rows[k], f"{name}: direction {direction:g}; expected 1 or -1")
+        if direction != directions[0]:
+            turned = f"direction {direction:g} after {directions[0]:g}"
+            raise table.error(rows[k], f"{name}: {turned}; the way back is a run of its own, with a number of its own")
     steps = np.diff(positions) * directions[0]
     if np.any(steps <= 0):
         at = int(np.argmax(steps <= 0))
@@ -222,5 +225,6 @@ def _check_pass(table: Table, rows: list[int], positions: Array, directions: Arr
         at = int(np.argmax(steps))
         raise table.error(
             rows[at + 1],
-            f"{name}: a gap of {steps[at] * 1e3:g} mm before this sample, {np.median(steps) * 1e3:g} mm is usual",
+            f"{name}: a gap of {steps[at] * 1e3:g} mm before this sample, {np.median(steps) * 1e3:g} mm is usual; "
+            f"are rows missing? Samples may be {LEAST_GAP:g} times as far apart as is usual, at most",
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
@@ -20,9 +20,10 @@ from rotary_error_monitor.calibration.verdict import Verdict, judge_calibration
 from rotary_error_monitor.calibration.volume import Limits
 from rotary_error_monitor.calibration.yaml_document import hash_source
 from rotary_error_monitor.description.column_layout import ColumnLayout
-from rotary_error_monitor.description.machine import DIRECTIONS, VOLUMETRIC, Axis
+from rotary_error_monitor.description.machine import DIRECTIONS, VOLUMETRIC, Axis, MachineDescription
 from rotary_error_monitor.description.provenance import Calibrated
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.machine.components import arrange_components
 from rotary_error_monitor.metrology.positioning import (
     Outlier,
     PositioningFigures,
@@ -103,7 +104,7 @@ class PositioningResult:
     """What a positioning step found.
 
     Attributes:
-        name: the error component.
+        name: the error component; of an axis that is inclined to x, y and z each in which it moves.
         runs: all readings.
         figures: of the readings, without `outliers` where these were `dropped`.
         bounds: 95 % intervals of the figures.
@@ -148,16 +149,12 @@ def calibrate_positioning(
     outliers = find_outliers(runs)
     used = remove_outliers(runs, outliers) if drop_outliers else runs
     figures, bounds = estimate_positioning(used), bound_positioning(used, instrument)
-    name, sign = own_component(axis)
-    forward = sign * figures.forward.mean
-    backward = None if figures.backward is None else sign * figures.backward.mean
     positions = _over_travel(axis, runs.targets)
-    job.file.set_table(
-        name,
-        positions,
-        _repeated(positions, runs.targets, forward),
-        None if backward is None else _repeated(positions, runs.targets, backward),
-    )
+    forward = _repeated(positions, runs.targets, figures.forward.mean)
+    backward = None if figures.backward is None else _repeated(positions, runs.targets, figures.backward.mean)
+    components = axis.positioning_shares
+    for name, share in components.items():
+        job.file.set_table(name, positions, share * forward, None if backward is None else share * backward)
     uncertainty = math.hypot(_largest_uncertainty(figures), instrument)
     misfits = () if drop_outliers else _outlying_readings(find_outliers(runs, false_alarm=FALSE_ALARM), runs)
     if misfits:
@@ -165,15 +162,26 @@ def calibrate_positioning(
     share = share_of_travel(axis, positions)
     if share < LEAST_TARGETS and (axis.kind == "linear" or np.ptp(positions) < TURN / 2):
         misfits += (f"the targets cover {share:.2%} of the travel of {letter}: are they in another unit?",)
-    written = job.finish([name], uncertainty, _noted(figures, bounds), misfits)
-    remarks = check_standard_test(runs)
-    if share < LEAST_COVERED:
-        remarks += (f"the targets cover {share:.0%} of the travel; beyond them the error of the last one holds",)
-    if runs.rotary and not job.is_table:
-        remarks += ("told from a tool tip: radial error motions and a displaced axis count into the angle",)
+    lost = _across(job.file.machine, axis, positions)
+    written = job.finish([*components], uncertainty, _noted(figures, bounds), misfits)
+    remarks = (*check_standard_test(runs), *_positioning_remarks(job, runs, share, lost, [*components], uncertainty))
     return PositioningResult(
-        name, runs, figures, bounds, instrument, outliers, drop_outliers, remarks, uncertainty, misfits, written
+        ", ".join(components),
+        *(runs, figures, bounds, instrument, outliers, drop_outliers, remarks, uncertainty, misfits, written),
     )
+
+
+def _positioning_remarks(
+    job: Job, runs: PositioningRuns, share: float, lost: float, names: list[str], uncertainty: float
+) -> Iterator[str]:
+    """What a table of so large a share of the travel leaves open; `lost` is across the axis, m or rad."""
+    if share < LEAST_COVERED:
+        yield f"the targets cover {share:.0%} of the travel; beyond them the error of the last one holds"
+    if lost > uncertainty:
+        size = f"{lost / ARCSEC:.3g} arcsec" if runs.rotary else f"{lost * 1e6:.3g} µm"
+        yield f"up to {size} across the axis, which the file had in {', '.join(names)}, is in the history now"
+    if runs.rotary and not job.is_table:
+        yield "told from a tool tip: radial error motions and a displaced axis count into the angle"
 
 
 def _largest_uncertainty(figures: PositioningFigures) -> float:
@@ -272,11 +280,15 @@ def calibrate_machine(
     return MachineResult(identification, verdict, written)
 
 
-def own_component(axis: Axis) -> tuple[str, float]:
-    """Name of the positioning error of an axis, and the sign of its direction."""
-    own = int(np.argmax(np.abs(axis.direction)))
-    kind = own if axis.kind == "linear" else own + 3
-    return f"E{DIRECTIONS[kind]}{axis.letter}", math.copysign(1.0, axis.direction[own])
+def _across(machine: MachineDescription, axis: Axis, positions: Array) -> float:
+    """Largest error across an axis' own direction in the components of its positioning error, m or rad."""
+    shares, at = axis.positioning_shares, np.zeros((len(machine.axes), len(positions)))
+    place = machine.letters.index(axis.letter)
+    at[place] = positions
+    errors = arrange_components(machine).at(at, np.zeros_like(at), None)[:, place]
+    along = np.array([*shares.values()])
+    own = errors[[DIRECTIONS.index(name[1]) for name in shares]]
+    return float(np.abs(own - np.outer(along, along @ own)).max())
 
 
 def share_of_travel(axis: Axis, positions: Array) -> float:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.calibration.steps import Job, own_component
+from rotary_error_monitor.calibration.steps import Job
 from rotary_error_monitor.calibration.straightness_doubts import Doubts, find_doubts, unit_doubts
 from rotary_error_monitor.calibration.straightness_runs import Measured, Placed, Reading, measure_straightness
 from rotary_error_monitor.description.column_layout import ColumnLayout
@@ -174,6 +174,6 @@ def _straightness_axis(machine: MachineDescription, name: str) -> Axis:
             f"'{name}' names no straightness; expected E, one of X Y Z, letter of a linear axis, such as EYX"
         )
     axis = machine.axis(name[2])
-    if axis.kind != "linear" or own_component(axis)[0] == name:
+    if axis.kind != "linear" or name in axis.positioning_shares:
         raise InputError(f"{name} is no straightness of a linear axis; its own direction is its positioning")
     return axis

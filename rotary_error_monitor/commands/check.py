@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from rotary_error_monitor.commands.values import add_naming, naming_of
+from rotary_error_monitor.commands.values import add_max_gap, add_naming, naming_of, settings_of
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.recordings.stage_check import check_stage, check_text
 
@@ -21,12 +21,13 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser.add_argument("bag", type=Path, metavar="BAG")
     parser.add_argument("--stage", type=Path, help="YAML with a section 'stage' (default: config/stage.yaml)")
     add_naming(parser)
+    add_max_gap(parser)
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Check, print, and give the exit code."""
-    check = check_stage(arguments.bag, load_stage(arguments.stage), naming_of(arguments))
+    check = check_stage(arguments.bag, load_stage(arguments.stage), naming_of(arguments), settings_of(arguments))
     print("\n".join(check_text(check)))
     if not check.fits:
         return CONTRADICTED

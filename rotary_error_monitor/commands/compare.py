@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from rotary_error_monitor.commands.questions import add_heights, add_results, heights_of
-from rotary_error_monitor.commands.values import files_of, naming_of, tell
+from rotary_error_monitor.commands.values import files_of, naming_of, settings_of, tell
 
 _EPILOG = (
     "exit codes: 0 the monitor agrees with the reference within its stated uncertainty; 10 it does not; 2 wrong input. "
@@ -42,7 +42,10 @@ def run(arguments: argparse.Namespace) -> int:
     from rotary_error_monitor.recordings.verification import FileVerification
     from rotary_error_monitor.report.verification import notes_of, text_table, verdict_sentence
 
-    found = FileVerification(arguments.bag, arguments.twin, heights, arguments.reference, naming, outputs).run()
+    files = FileVerification(
+        arguments.bag, arguments.twin, heights, arguments.reference, naming, outputs, settings_of(arguments)
+    )
+    found = files.run()
     print(verdict_sentence(found))
     print(text_table(found))
     tell(notes_of(found))

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rotary_error_monitor.commands.values import add_naming, naming_of
+from rotary_error_monitor.commands.values import add_max_gap, add_naming, naming_of, settings_of
 from rotary_error_monitor.description.error_motion_limits import limits_of
 from rotary_error_monitor.metrology.turns import MOST_WAVES
 from rotary_error_monitor.recordings.formats import FORMATS
@@ -54,6 +54,7 @@ def add_results(parser: argparse.ArgumentParser, required: bool) -> None:
         help=f"of {','.join(FORMATS)}: files beside one another, by the name of OUT (default: as OUT ends)",
     )
     add_naming(parser)
+    add_max_gap(parser)
     parser.add_argument("-o", "--output", type=Path, required=required, metavar="OUT", help="file, such as PAGE.html")
 
 
@@ -82,4 +83,4 @@ def question_of(arguments: argparse.Namespace) -> Question:
     heights = heights_of(arguments)
     check_waves(arguments.waves, f"--waves is {arguments.waves}")
     limits = limits_of(arguments.limits, arguments.twin)
-    return Question(limits, heights, arguments.waves, naming_of(arguments))
+    return Question(limits, heights, arguments.waves, naming_of(arguments), settings_of(arguments).max_gap_ns)

@@ -8,12 +8,11 @@ from pathlib import Path
 from rotary_error_monitor.bags.kept_rows import kept_beside
 from rotary_error_monitor.commands.progress_bar import progress_bar
 from rotary_error_monitor.commands.questions import add_heights, heights_of
-from rotary_error_monitor.commands.values import add_naming, naming_of, tell
+from rotary_error_monitor.commands.values import add_max_gap, add_naming, naming_of, settings_of, tell
 from rotary_error_monitor.description.machine import load_machine, machine_path
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.files import check_outputs, check_places
 from rotary_error_monitor.machine.kernel import describe_kernel
-from rotary_error_monitor.pipeline.estimation import EstimatorSettings
 from rotary_error_monitor.recordings.replay import check_estimated, period_of, replay_bag, replay_long
 from rotary_error_monitor.recordings.replayed import LongReplay, Replay
 from rotary_error_monitor.resources import config
@@ -37,6 +36,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     add_naming(parser)
     add_heights(parser, "at which radial error motion is written as well (default: none)")
     parser.add_argument("--period-ms", type=float, default=1.0, help="distance of estimates where the bag tells none")
+    add_max_gap(parser)
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.npz")
     parser.set_defaults(run=run)
 
@@ -50,7 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
     stage = load_stage(arguments.twin)
     machine = load_machine(arguments.machine) if arguments.machine else None
     check_places([arguments.output])
-    settings, naming = EstimatorSettings(period_ns=period_ns), naming_of(arguments)
+    settings, naming = settings_of(arguments, period_ns), naming_of(arguments)
     result: Replay | LongReplay
     if described := machine is not None and machine.monitored is None:
         result = replay_bag(arguments.bag, stage, machine, settings, naming=naming)

@@ -11,6 +11,7 @@ from pathlib import Path
 from rotary_error_monitor.bags.naming import Naming, read_naming
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.errors import InputError, one_line
+from rotary_error_monitor.pipeline.estimator_settings import EstimatorSettings, max_gap_of
 from rotary_error_monitor.recordings.formats import outputs_of
 
 
@@ -65,6 +66,28 @@ def add_naming(parser: argparse.ArgumentParser) -> None:
         metavar="MAP.yaml",
         help="lines `topic of the wire contract: topic in the bag`, for those of other names",
     )
+
+
+def add_max_gap(parser: argparse.ArgumentParser) -> None:
+    """Describe the argument that says how far apart samples are joined."""
+    parser.add_argument(
+        "--max-gap-ms",
+        type=float,
+        default=EstimatorSettings.max_gap_ns * 1e-6,
+        metavar="MS",
+        help="samples further apart are not joined, as by max_gap of error_estimator; what a live run joined that the "
+        "bag holds is joined again (default: %(default)g)",
+    )
+
+
+def settings_of(arguments: argparse.Namespace, period_ns: int = EstimatorSettings.period_ns) -> EstimatorSettings:
+    """How an estimator samples, with this argument.
+
+    Raises:
+        InputError: it is out of range.
+    """
+    given = arguments.max_gap_ms
+    return EstimatorSettings(period_ns=period_ns, max_gap_ns=max_gap_of(given, 1_000_000, f"--max-gap-ms is {given}"))
 
 
 def naming_of(arguments: argparse.Namespace) -> Naming:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+import math
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,6 +16,7 @@ from rotary_error_monitor.commissioning.ring_model import RingFit, RingPrior
 from rotary_error_monitor.commissioning.stated_curves import mirror_rows, ring_level
 from rotary_error_monitor.commissioning.tilt import Axes, TiltResponse, amplitudes, known_axes, turned
 from rotary_error_monitor.description.stage import AngularHarmonic, StageDescription
+from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 from rotary_error_monitor.units import TURN
 
 TOLD = 0.5
@@ -98,8 +100,8 @@ class Found:
     Attributes:
         heads: by letter.
         eccentricity: (x, y) m, with the standard uncertainty of each.
-        graduation: orders that stand out and that the heads tell from all else, with the standard uncertainties; none
-            where the file has a measured curve.
+        graduation: orders that the heads tell from all else and that stand out, or in which they contradict each other,
+            with the standard uncertainties; none where the file has a measured curve.
         datum: what the rotation is counted from: `command`, or a head that states its zero.
         hidden_orders: of the graduation, which the recording does not tell from rotation and error motion.
     """
@@ -157,17 +159,20 @@ def parameters(
             Value(latency, timing),
             Value(float(straight.scale[i]), float(np.sqrt(straight.scale_covariance[i, i]))),
         )
+    places = [head.azimuth.value for head in heads.values()]
     turn = np.array([[np.cos(origin), np.sin(origin)], [-np.sin(origin), np.cos(origin)]])
     vector = turn @ fit.eccentricity
     spread = np.sqrt(np.diag(turn @ fit.covariance[:2, :2] @ turn.T))
+    graduation = () if prior.curve is not None else tuple(_graduation(fit, origin, places, _of_a_reading(stage)))
+    told = {row.order for row, _ in graduation}
     return Found(
         heads,
         None if shown.command is None else _command(shown, shown.command, sense, origin, first),
         None if shown.tilt is None else _tilt(stage, turned(shown.tilt, sense, origin), layout.mirrored, first),
         (Value(float(vector[0]), float(spread[0])), Value(float(vector[1]), float(spread[1]))),
-        () if prior.curve is not None else tuple(_graduation(fit, origin)),
+        graduation,
         datum,
-        _hidden(fit, prior),
+        tuple(order for order in _hidden(fit, prior) if order not in told),
     )
 
 
@@ -264,14 +269,27 @@ def _tilt(stage: StageDescription, tilt: TiltResponse, mirrored: bool, first: fl
     )
 
 
-def _graduation(fit: RingFit, origin: float) -> Iterator[tuple[AngularHarmonic, float]]:
-    """Orders that stand out from the noise and that no error motion makes."""
+def _graduation(
+    fit: RingFit, origin: float, azimuths: Sequence[float], reading: float
+) -> Iterator[tuple[AngularHarmonic, float]]:
+    """Orders that stand out from the noise and that no error motion makes.
+
+    So are those in which the heads contradict one another by more than the standard uncertainty of a reading (rad), as
+    they are likeliest: a file without them contradicts the recording, whatever stamps may have been.
+    """
     for order in range(2, fit.highest + 1):
         values, covariance = fit.graduation(order)
-        if float(values @ np.linalg.solve(covariance, values)) > SIGNIFICANT**2:
+        wave = HeadLayout(tuple(azimuths)).projector @ np.exp(1j * order * np.array(azimuths))
+        contradicts = float(np.hypot(*values) * np.abs(wave).max()) > reading
+        if contradicts or float(values @ np.linalg.solve(covariance, values)) > SIGNIFICANT**2:
             c, s = np.cos(order * origin), np.sin(order * origin)
             cos, sin = np.array([[c, s], [-s, c]]) @ values
             yield AngularHarmonic(order, float(cos), float(sin)), float(np.sqrt(covariance.diagonal().max()))
+
+
+def _of_a_reading(stage: StageDescription) -> float:
+    """Standard uncertainty of one reading by the noise and the rounding that are described, rad."""
+    return math.hypot(stage.ring.noise, stage.ring.resolution / math.sqrt(12.0))
 
 
 def _hidden(fit: RingFit, prior: RingPrior) -> tuple[int, ...]:

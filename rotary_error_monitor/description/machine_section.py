@@ -40,6 +40,10 @@ Expansion = Annotated[float, Expected("a coefficient of thermal expansion in 1/K
 
 ZERO: Vector = (0.0, 0.0, 0.0)
 
+UNIT_LENGTH = 1e-9
+"""How far the direction of an axis may be from a unit vector, as nine digits in a file leave it; a component of less is
+none."""
+
 
 @dataclass(frozen=True)
 class Displacement:
@@ -136,12 +140,22 @@ class Axis(Section):
         """Acceleration that it does not exceed, m/s² or rad/s²."""
         return QUICKEST[self.kind] if self.acceleration is None else self.acceleration
 
+    @property
+    def positioning_shares(self) -> dict[str, float]:
+        """Which share of its positioning error is in which error component, by name: those of its direction."""
+        letters = "XYZ" if self.kind == "linear" else "ABC"
+        return {
+            f"E{each}{self.letter}": share
+            for each, share in zip(letters, self.direction, strict=True)
+            if abs(share) > UNIT_LENGTH
+        }
+
     def contradictions(self) -> Iterator[tuple[Place, str]]:
         """A travel that does not rise, or a direction that is no unit vector."""
         if problem := _not_rising(self.travel):
             yield ("travel",), problem
         length = math.hypot(*self.direction)
-        if abs(length - 1.0) > 1e-9:
+        if abs(length - 1.0) > UNIT_LENGTH:
             yield ("direction",), f"{list(self.direction)} has length {length:.9g}; expected a unit vector"
 
 

@@ -22,6 +22,7 @@ from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.pace import Pace
 from rotary_error_monitor.nodes.process import program
 from rotary_error_monitor.pipeline.estimation import COMMAND, Estimator, EstimatorSettings
+from rotary_error_monitor.pipeline.estimator_settings import LONGEST_GAP_NS, SHORTEST_GAP_NS
 from rotary_error_monitor.pipeline.kernel import describe_kernel
 from rotary_error_monitor.pipeline.observability import possible_components, unchecked_sensors
 from rotary_error_monitor.pipeline.radial_heights import HIGHEST, figures_of, radial_block
@@ -56,7 +57,7 @@ class ErrorEstimator(ManagedNode):
             "max_gap",
             _DEFAULTS.max_gap_ns / NANOSECONDS,
             "samples further apart than this are not joined, s",
-            (0.0001, 1.0),
+            (SHORTEST_GAP_NS / NANOSECONDS, LONGEST_GAP_NS / NANOSECONDS),
         ),
         Setting(
             "disagreement_limit",
@@ -253,12 +254,7 @@ class ErrorEstimator(ManagedNode):
 
     def _too_far_apart(self, names: Sequence[str]) -> str:
         """That samples of these streams are not joined, and why."""
-        gap = max(self._estimator.status.streams[name].spacing_ns for name in names) * 1e-6
-        limit = self.setting("max_gap") * 1e3
-        return (
-            f"samples of {', '.join(names)} are {gap:.3g} ms apart; "
-            f"what is further apart than max_gap of {limit:g} ms is not joined"
-        )
+        return self._estimator.status.too_far_apart(names, round(self.setting("max_gap") * NANOSECONDS))
 
     def _doubts(self, silent: bool) -> Iterator[tuple[Level, str]]:
         """What is missing or doubted while there are estimates."""

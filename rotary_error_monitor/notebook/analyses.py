@@ -18,10 +18,12 @@ from rotary_error_monitor.notebook.pictures import Figures
 from rotary_error_monitor.notebook.read_only import sealed
 from rotary_error_monitor.notebook.recording import Recording, Topics, bag_of
 from rotary_error_monitor.notebook.tables import Units, scaled, table_of_rows
+from rotary_error_monitor.pipeline.estimator_settings import MAX_GAP, max_gap_of
 from rotary_error_monitor.pipeline.radial_heights import HIGHEST, check_height
 from rotary_error_monitor.recordings.analysis import FileAnalysis, Question, check_waves
 from rotary_error_monitor.recordings.formats import outputs_of
 from rotary_error_monitor.report.analysis import changes_sentence, verdict_box, verdict_sentence
+from rotary_error_monitor.signals.blocks import NANOSECONDS
 
 if TYPE_CHECKING:
     from rotary_error_monitor.notebook.tables import DataFrame
@@ -147,6 +149,7 @@ def analyse(
     heights: Sequence[float] = (),
     limits: Limits | None = None,
     waves: int = MOST_WAVES,
+    max_gap: float = MAX_GAP,
     against: Path | str | None = None,
     cell: str = "",
     topics: Topics = None,
@@ -160,6 +163,7 @@ def analyse(
         heights: above the ring, m, at which radial error motion is told; none, and they are ring, LVDT and probes.
         limits: that the stage is to keep; None, and they are those of the stage's file, if it states some.
         waves: cut-off of the filter over the angle, waves a turn, at most.
+        max_gap: samples further apart are not joined, s, but for what the bag's live run joined.
         against: another bag of the same stage: what changed since.
         cell: of a bag that holds several, as for `read_bag`.
         topics: how the bag calls its topics, as for `read_bag`.
@@ -182,7 +186,8 @@ def analyse(
     for height in heights:
         check_height(height, HIGHEST, "m", f"heights has {height}")
     check_waves(waves, f"waves is {waves}")
-    question = Question(limits_of(_words(limits), file, "limits"), sorted(set(heights)), waves, naming)
+    joined_ns = max_gap_of(max_gap, NANOSECONDS, f"max_gap is {max_gap} s")
+    question = Question(limits_of(_words(limits), file, "limits"), sorted(set(heights)), waves, naming, joined_ns)
     other = None if against is None else Path(against)
     files = FileAnalysis(path, file, None if machine is None else str(machine), question, {}, other)
     result, changes = files.analyse()

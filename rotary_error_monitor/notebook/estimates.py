@@ -21,6 +21,7 @@ from rotary_error_monitor.notebook.read_only import ReadOnly, sealed
 from rotary_error_monitor.notebook.recording import Recording, Topics, bag_of
 from rotary_error_monitor.notebook.tables import Units, table_over_time, units_in
 from rotary_error_monitor.pipeline.estimation import EstimatorSettings
+from rotary_error_monitor.pipeline.estimator_settings import MAX_GAP, max_gap_of
 from rotary_error_monitor.pipeline.radial_heights import HIGHEST, check_height
 from rotary_error_monitor.pipeline.verdict import DOUBTS
 from rotary_error_monitor.recordings.replay import check_estimated, period_of, replay_bag
@@ -227,6 +228,7 @@ def estimate(
     machine: Path | str | None = None,
     *,
     period: float = 1e-3,
+    max_gap: float = MAX_GAP,
     cell: str = "",
     topics: Topics = None,
 ) -> Estimate:
@@ -237,6 +239,7 @@ def estimate(
         stage: YAML with a section `stage`; None for the stage that the package ships.
         machine: YAML, or name of a machine that ships, such as `xyzac_trt`; None for the stage alone.
         period: distance of two estimates, s, where the bag does not hold those of a live run.
+        max_gap: samples further apart are not joined, s, but for what the bag's live run joined.
         cell: of a bag that holds several, as for `read_bag`.
         topics: how the bag calls its topics, as for `read_bag`.
 
@@ -256,7 +259,10 @@ def estimate(
     """
     path, naming = bag_of(recording, cell, topics)
     described = load_stage(stage)
-    settings = EstimatorSettings(period_ns=period_of(period, NANOSECONDS, f"period is {period} s"))
+    settings = EstimatorSettings(
+        period_ns=period_of(period, NANOSECONDS, f"period is {period} s"),
+        max_gap_ns=max_gap_of(max_gap, NANOSECONDS, f"max_gap is {max_gap} s"),
+    )
     replay = replay_bag(path, described, None if machine is None else load_machine(machine), settings, naming=naming)
     check_estimated(replay, path, described)
     streams = wire_of(described).topic("error_motion_samples").field("streams")

@@ -21,6 +21,7 @@ from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.metrology.responses import correct_block
 from rotary_error_monitor.pipeline.belief import Belief
+from rotary_error_monitor.pipeline.estimator_settings import LONGEST_GAP_NS
 from rotary_error_monitor.pipeline.estimator_settings import EstimatorSettings as EstimatorSettings
 from rotary_error_monitor.pipeline.estimator_settings import EstimatorStatus as EstimatorStatus
 from rotary_error_monitor.pipeline.evidence import INDEX as EVIDENCE
@@ -39,9 +40,6 @@ from rotary_error_monitor.signals.streams import SampleStream
 
 HIGHEST_ORDER = 12
 """Harmonics of the graduation up to which the status says what the heads cannot see."""
-
-NEARLY = 0.9
-"""Part of `max_gap` from which samples are so far apart that the scatter of their stamps leaves gaps."""
 
 CHUNK = 4096
 """Ticks computed at once at most, so that a replay needs no more memory than a live run."""
@@ -84,7 +82,7 @@ class Estimator:
         self._stream_bits = np.array([[self._bits[name]] for name in self._streams])
         self._judged_bits = sum(bit for name, bit in self._bits.items() if name not in stage.sensors)
         self._head_bits = sum(self._bits[name] for name in self._heads)
-        self._repetition = None if decisions is None else Repetition(decisions, self._bits)
+        self._repetition = None if decisions is None else Repetition(decisions, self._bits, tuple(self._streams))
         self._layouts: dict[HeadLayout, tuple[int, ...]] = {}
         period_ns, limit = self._settings.period_ns, self._settings.disagreement_limit
         self._ticks = TickMaker(stage, self._heads, self._bits, period_ns * 1e-9)
@@ -256,10 +254,11 @@ class Estimator:
     def _after_pause(self, tick: int, limit: int) -> int:
         """The next tick near which there are samples: over a time without any nothing is reckoned."""
         begin_ns, nearest = tick * self._settings.period_ns, limit
-        reach = self._settings.max_gap_ns // self._settings.period_ns + 1
+        joined_ns = self._settings.max_gap_ns if self._repetition is None else LONGEST_GAP_NS
+        reach = joined_ns // self._settings.period_ns + 1
         for stream in self._streams.values() if tick < limit else ():  # live there is none behind it
             times = stream.times_ns
-            place = int(np.searchsorted(times, begin_ns - self._settings.max_gap_ns))
+            place = int(np.searchsorted(times, begin_ns - joined_ns))
             if place < len(times):
                 nearest = min(nearest, int(times[place]) // self._settings.period_ns - reach)
         return max(tick, nearest)
@@ -270,9 +269,11 @@ class Estimator:
         ticks = tick_times(first, count, settings.period_ns)
         signals = [(stream.times_ns, stream.values) for stream in self._streams.values()]
         values = resample_all(signals, ticks, settings.period_ns, settings.max_gap_ns)
+        if self._repetition is None:
+            self.status.note_sparse(settings.max_gap_ns)
+        else:
+            values = self._repetition.joined(ticks, signals, values, settings.period_ns)
         resampled = dict(zip(self._streams, values, strict=True))
-        widest = NEARLY * settings.max_gap_ns
-        self.status.sparse = tuple(name for name, each in self._streams.items() if each.spacing_ns > widest)
         there = self._streams_at(ticks, values)
         found, begin = [], 0
         while begin < count:

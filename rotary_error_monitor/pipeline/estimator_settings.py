@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.signals.streams import SampleStream
+
+SHORTEST_GAP_NS, LONGEST_GAP_NS = 100_000, 1_000_000_000
+"""Range of `max_gap`, ns: from a stream of 10 kHz to a stage that is moved by hand."""
+
+NEARLY = 0.9
+"""Part of `max_gap` from which samples are so far apart that the scatter of their stamps leaves gaps."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +45,22 @@ class EstimatorSettings:
             raise InputError(f"estimator setting disagreement_limit is {self.disagreement_limit}; it must be above 0")
         if not self.check_turns >= 0:
             raise InputError(f"estimator setting check_turns is {self.check_turns}; it must be 0 or more")
+
+
+MAX_GAP = EstimatorSettings.max_gap_ns * 1e-9
+"""Default of `max_gap`, s."""
+
+
+def max_gap_of(gap: float, nanoseconds: int, told: str) -> int:
+    """`max_gap`, ns, of one in a unit of so many nanoseconds; `told` as in `--max-gap-ms is 0`.
+
+    Raises:
+        InputError: an estimator has none so short or so long.
+    """
+    shortest, longest = SHORTEST_GAP_NS / nanoseconds, LONGEST_GAP_NS / nanoseconds
+    if not shortest <= gap <= longest:
+        raise InputError(f"{told}; it must be from {shortest:g} to {longest:g}")
+    return round(gap * nanoseconds)
 
 
 @dataclass
@@ -73,3 +95,15 @@ class EstimatorStatus:
     disagreement: float = 0.0
     unseen_orders: tuple[int, ...] = ()
     streams: Mapping[str, SampleStream] = field(default_factory=dict)
+
+    def note_sparse(self, max_gap_ns: int) -> None:
+        """Take note of the streams whose samples are not joined, or nearly so."""
+        self.sparse = tuple(name for name, each in self.streams.items() if each.spacing_ns > NEARLY * max_gap_ns)
+
+    def too_far_apart(self, names: Sequence[str], max_gap_ns: int) -> str:
+        """That samples of these streams are not joined, and why."""
+        gap = max(self.streams[name].spacing_ns for name in names) * 1e-6
+        return (
+            f"samples of {', '.join(names)} are {gap:.3g} ms apart; "
+            f"what is further apart than max_gap of {max_gap_ns * 1e-6:g} ms is not joined"
+        )

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.pipeline.estimator_settings import LONGEST_GAP_NS
 from rotary_error_monitor.pipeline.publication import Decision, Decisions
+from rotary_error_monitor.signals.resampling import Resampled, resample
 
 _NONE = Decision(0)
 
@@ -25,11 +28,34 @@ class Repetition:
             follow from what the recording has.
     """
 
-    def __init__(self, decisions: Decisions, bits: Mapping[str, int]) -> None:
-        """Repeat `decisions`, by stamp (ns) of a tick; `bits` are those of the streams in their masks."""
-        self._decisions, self._bits = decisions, bits
+    def __init__(self, decisions: Decisions, bits: Mapping[str, int], streams: Sequence[str]) -> None:
+        """Repeat `decisions`, by stamp (ns) of a tick; `bits` are those in masks of what may be in `streams`."""
+        self._decisions, self._bits, self._streams = decisions, bits, tuple(streams)
         self.begin_ns = self.reach_ns = 0
         self.unrepeated: dict[str, list[NDArray[np.int64]]] = {}
+
+    def joined(
+        self,
+        ticks: NDArray[np.int64],
+        signals: Sequence[tuple[NDArray[np.int64], Array]],
+        values: Sequence[Resampled],
+        period_ns: int,
+    ) -> list[Resampled]:
+        """Values of the streams at the ticks (m,), also where a live run alone joined the samples around a tick.
+
+        How far apart samples are that it joined is a parameter of the live run (`max_gap`), which the recording does
+        not hold; which streams it used at a tick, it does.
+        """
+        found = list(values)
+        if all(each.valid.all() for each in values):
+            return found
+        used = np.array([(decision or _NONE).streams for decision in self._found(ticks)], np.int64)
+        for place, name in enumerate(self._streams):
+            lacking = (used & self._bits[name] != 0) & ~values[place].valid
+            if lacking.any():
+                wider = resample(*signals[place], ticks[lacking], period_ns, LONGEST_GAP_NS)
+                found[place] = values[place].replaced(lacking, wider)
+        return found
 
     def choose(
         self, ticks: NDArray[np.int64], there: NDArray[np.int64], own: NDArray[np.int64]

@@ -25,7 +25,7 @@ from rotary_error_monitor.description.wire import wire_of
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.files import check_outputs, check_places, write_all
 from rotary_error_monitor.metrology.turns import LEAST_WAVES, MOST_WAVES
-from rotary_error_monitor.pipeline.estimation import AUTOCOLLIMATOR
+from rotary_error_monitor.pipeline.estimation import AUTOCOLLIMATOR, EstimatorSettings
 from rotary_error_monitor.recordings.long_estimates import ReplayedEstimates
 from rotary_error_monitor.recordings.progress import Progress, silent
 from rotary_error_monitor.recordings.replay import check_estimated, replay_long
@@ -50,12 +50,14 @@ class Question:
         heights: above the ring, m; none, and they are those of ring, LVDT and probes.
         most_waves: cut-off of the filter over the angle, waves a turn, at most.
         naming: which cell of a bag it is, and how the bag calls its topics.
+        max_gap_ns: samples further apart than this are not joined, ns.
     """
 
     limits: ErrorMotionLimits = field(default_factory=ErrorMotionLimits)
     heights: Sequence[float] = ()
     most_waves: int = MOST_WAVES
     naming: Naming = THE_ONLY_CELL
+    max_gap_ns: int = EstimatorSettings.max_gap_ns
 
 
 def check_waves(waves: float, told: str) -> None:
@@ -179,7 +181,8 @@ def analyse_bag(
     """
     question, keep = question or Question(), keep or kept_in()
     check_machine(machine)
-    replay = replay_long(bag, stage, machine, naming=question.naming, keep=keep, progress=progress)
+    settings = EstimatorSettings(max_gap_ns=question.max_gap_ns)
+    replay = replay_long(bag, stage, machine, settings, question.naming, keep, progress)
     check_estimated(replay, bag, stage, least=2)
     estimates = ReplayedEstimates(replay)
     wire = wire_of(stage)

@@ -15,6 +15,7 @@ from rotary_error_monitor.bags.search import cells_of, fingerprint_of
 from rotary_error_monitor.description.machine import MachineDescription, machine_mapping
 from rotary_error_monitor.description.stage import StageDescription, stage_mapping
 from rotary_error_monitor.errors import InputError, one_line
+from rotary_error_monitor.pipeline.estimation import EstimatorSettings
 from rotary_error_monitor.recordings.analysis import Question, analyse_bag
 from rotary_error_monitor.recordings.index import Entry
 from rotary_error_monitor.recordings.stage_names import label_of
@@ -57,6 +58,8 @@ def question_key(stage: StageDescription, machine: MachineDescription | None, qu
         "cell": question.naming.cell,
         "topics": {name: given.topic for name, given in question.naming.topics.items()},
     }
+    if question.max_gap_ns != EstimatorSettings.max_gap_ns:  # else an index of before holds
+        asked["max_gap_ns"] = question.max_gap_ns
     return hashlib.sha256(json.dumps(asked, sort_keys=True, default=list).encode()).hexdigest()
 
 

@@ -164,6 +164,7 @@ class _Run:
         if compensator is not None and compensator.unrepeated:
             lacking["joint states that the bag lacks"] = np.concatenate(compensator.unrepeated)
         absent = absence_remarks([*self._inputs, *self._of_machine[:1]], collected.spans)
+        absent += gap_remarks(estimator.status, settings)
         return collected.result(estimator.status, reader, window, compensator is not None, decisions, lacking, absent)
 
     def _feed(
@@ -227,6 +228,13 @@ def replay_described(
         np.empty(0, np.int64),
         (*remarks_of(reader, window), *collected.belief_remarks(), *collected.coverage_remarks()),
     )
+
+
+def gap_remarks(status: EstimatorStatus, settings: EstimatorSettings) -> tuple[str, ...]:
+    """That samples of some streams are too far apart to be joined, and what joins them."""
+    if not status.sparse:
+        return ()
+    return (f"{status.too_far_apart(status.sparse, settings.max_gap_ns)}; --max-gap-ms joins more",)
 
 
 def input_topics(reader: BagReader, wire: Wire, stage: StageDescription) -> dict[str, str]:

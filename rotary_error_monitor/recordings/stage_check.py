@@ -14,7 +14,7 @@ from rotary_error_monitor.description.wire import wire_of
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.pipeline.estimation import Estimator, EstimatorSettings
 from rotary_error_monitor.pipeline.observability import rotation_is_lacking
-from rotary_error_monitor.recordings.replay import input_topics
+from rotary_error_monitor.recordings.replay import gap_remarks, input_topics
 from rotary_error_monitor.signals.arrival import FUTURE
 from rotary_error_monitor.signals.blocks import SampleBlock
 
@@ -72,7 +72,12 @@ class StageCheck:
         return self.verified >= 1.0
 
 
-def check_stage(bag: Path | str, stage: StageDescription, naming: Naming = THE_ONLY_CELL) -> StageCheck:
+def check_stage(
+    bag: Path | str,
+    stage: StageDescription,
+    naming: Naming = THE_ONLY_CELL,
+    settings: EstimatorSettings | None = None,
+) -> StageCheck:
     """Hold a recording against the description of its stage.
 
     Raises:
@@ -82,7 +87,8 @@ def check_stage(bag: Path | str, stage: StageDescription, naming: Naming = THE_O
     # Sensors that the stage lists are of use, not needed.
     found = input_topics(reader, wire_of(stage), stage)
     inputs = {topic: name for topic, name in found.items() if name not in stage.sensors or topic in reader.topics}
-    estimator = Estimator(stage, EstimatorSettings())
+    settings = settings or EstimatorSettings()
+    estimator = Estimator(stage, settings)
     log, ahead = _Log(), Counter[tuple[str, str]]()
     window = reader.window(list(inputs))
     for count, (topic, content, arrival_ns) in enumerate(reader.replay_arrivals(list(inputs), window), start=1):
@@ -111,7 +117,8 @@ def check_stage(bag: Path | str, stage: StageDescription, naming: Naming = THE_O
         }
     )
     refused.update(ahead)
-    remarks = tuple(remark for remark in (*reader.remarks, window and window.remark) if remark)
+    said = (*reader.remarks, window and window.remark, *gap_remarks(status, settings))
+    remarks = tuple(remark for remark in said if remark)
     figures = _figures(estimator, stage)
     verified = estimator.belief.verified
     return StageCheck(tuple(log.doubts.values()), refused, verified, log.duration, figures, remarks)

@@ -128,6 +128,7 @@ class FileTrend:
             "machine": self.machine,
             "heights": [*self.question.heights],
             "waves": self.question.most_waves,
+            "max_gap_ns": self.question.max_gap_ns,
             "cell": naming.cell,
             "topics": {name: given.topic for name, given in naming.topics.items()},
         }

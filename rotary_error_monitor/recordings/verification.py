@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from rotary_error_monitor.analysis.comparison import DESCRIBED, Stand, stands_at, stands_of_lvdt
@@ -15,6 +15,7 @@ from rotary_error_monitor.description.stage import StageDescription, load_stage
 from rotary_error_monitor.description.wire import wire_of
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.files import check_outputs, check_places, write_all
+from rotary_error_monitor.pipeline.estimation import EstimatorSettings
 from rotary_error_monitor.pipeline.reference_readings import (
     LVDT,
     Array,
@@ -46,6 +47,7 @@ class FileVerification:
         references: names of references; none, and it is the LVDT, or where none was recorded all radial probes.
         naming: which cell of a bag it is, and how the bag calls its topics.
         outputs: file of each format (`html`, `json`, `csv`, `png`).
+        settings: how the monitor samples.
     """
 
     recording: Path
@@ -54,6 +56,7 @@ class FileVerification:
     references: Sequence[str]
     naming: Naming
     outputs: Mapping[str, Path]
+    settings: EstimatorSettings = field(default_factory=EstimatorSettings)
 
     def run(self) -> Verification:
         """Compare, and write the results: all of them, or what stood there stays.
@@ -64,7 +67,7 @@ class FileVerification:
         check_outputs(self.outputs.values(), [self.recording, self._stage_file])
         check_places(self.outputs.values())
         stage = load_stage(self.stage_file)
-        found = verify_bag(self.recording, stage, self.heights, self.references, self.naming)
+        found = verify_bag(self.recording, stage, self.heights, self.references, self.naming, self.settings)
         write_all({self.outputs[suffix]: content for suffix, content in self._contents(found)})
         return found
 
@@ -96,6 +99,7 @@ def verify_bag(
     heights: Sequence[float] = (),
     names: Sequence[str] = (),
     naming: Naming = THE_ONLY_CELL,
+    settings: EstimatorSettings | None = None,
 ) -> Verification:
     """Hold the radial error motion of a replay against the references that were recorded beside it.
 
@@ -108,6 +112,7 @@ def verify_bag(
         heights: above the ring, m; none, and they are those at which references were recorded.
         names: of references: `lvdt`, or radial probes as the section `sensors` calls them.
         naming: which cell of a bag it is, and how the bag calls its topics.
+        settings: how the monitor samples.
 
     Raises:
         InputError: there is no such bag, reference, or height with one, or not a whole turn of what is compared.
@@ -117,7 +122,7 @@ def verify_bag(
     samples = {name: samples.all() for name, samples in kept.items()}
     references = _references(stage, names, samples, str(bag))
     monitor = without_references(stage, tuple(references))
-    replay = replay_bag(bag, monitor, naming=naming, repeat=monitor is stage)
+    replay = replay_bag(bag, monitor, None, settings, naming, repeat=monitor is stage)
     check_estimated(replay, bag, monitor, least=2)
     stands = {name: _stands(each, stage, replay) for name, each in references.items()}
     chosen = [(name, stand) for name, own in stands.items() for stand in own]

@@ -56,6 +56,11 @@ class Resampled:
             self.values[chosen], self.gain[chosen], self.travel[chosen], self.bend[chosen], self.valid[chosen]
         )
 
+    def replaced(self, chosen: Mask, part: Resampled) -> Resampled:
+        """The same with those of `part` at the chosen (m,) ticks."""
+        values, gain, travel, bend = (each.copy() for each in (self.values, self.gain, self.travel, self.bend))
+        return _merged(Resampled(values, gain, travel, bend, self.valid.copy()), part, chosen)
+
 
 def tick_times(first: int, count: int, period_ns: int) -> NDArray[np.int64]:
     """(count,) timestamps (ns) of the ticks `first`, `first + 1`, …: the middles of cells of `period_ns`."""

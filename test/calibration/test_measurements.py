@@ -162,9 +162,13 @@ def test_mirror_profile(tmp_path: Path) -> None:
     [
         (["1,a,1,0,0", "1,a,1,2,0", "1,a,1,1,0"], ":4: segment 1, run a: position 1 mm after 2 mm does not go on"),
         (["1,a,1,0,0", "1,a,1,0,0"], ":3: segment 1, run a: position 0 mm after 0 mm"),
-        (["1,a,1,0,0", "1,a,-1,1,0"], ":3: segment 1, run a: direction -1; expected"),
+        (["1,a,1,0,0", "1,a,-1,1,0"], ":3: segment 1, run a: direction -1 after 1; the way back is a run of its own"),
         (["1,a,0,0,0"], ":2: segment 1, run a: direction 0"),
-        ([f"1,a,1,{x},0" for x in (0, 1, 2, 3, 30, 31)], ":6: segment 1, run a: a gap of 27 mm before this sample"),
+        (
+            [f"1,a,1,{x},0" for x in (0, 1, 2, 3, 30, 31)],
+            ":6: segment 1, run a: a gap of 27 mm before this sample, 1 mm is usual; are rows missing",
+        ),
+        (["1,a,2,0,0", "1,a,2,1,0"], ":2: segment 1, run a: direction 2; expected 1 or -1"),
         (["1,a,1,0,4000"], ":2: reading_um 4000 is beyond"),
         (
             [f"1,a,1,{x},0" for x in range(4)] + [f"1,b,-1,{x},0" for x in (3, 2, 1, 0)],

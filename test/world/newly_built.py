@@ -60,6 +60,7 @@ def build(
     axes: tuple[float, float] | None = None,
     tilt: float | None = None,
     curves: bool = False,
+    graduation: float | None = None,
     **options: Any,
 ) -> NewlyBuilt:
     """A stage drawn from the seed, turned both ways.
@@ -77,6 +78,8 @@ def build(
         axes: gain and roll (rad) of the autocollimator; drawn where it is None.
         tilt: root mean square of the spindle's tilt error motion per axis, rad; drawn where it is None.
         curves: whether ring and mirror have errors of many orders, which the file states as measured curves.
+        graduation: standard deviation of coefficients of orders 2, 3 and 5 of the ring's, rad, which the file does not
+            state; None for a perfect ring.
         options: of the recording.
     """
     rng = np.random.default_rng([seed, 20261127])
@@ -94,6 +97,10 @@ def build(
         true["autocollimator"]["gain"], true["autocollimator"]["roll"] = axes
     if curves:
         _measured(np.random.default_rng([seed, 20261128]), nominal, true)
+    if graduation is not None:
+        own = np.random.default_rng([seed, 20261129])
+        rows = [(order, *own.normal(0.0, graduation, 2).tolist()) for order in (2, 3, 5)]
+        true["encoder"]["graduation"] = [{"order": k, "cos": cos, "sin": sin} for k, cos, sin in rows]
     if sign:
         nominal["command"] = {"sign": true["command"]["sign"]}
     if known_tilt:
