@@ -24,6 +24,7 @@ class Instrument:
         times: (m,) s of its rows.
 
     Attributes:
+        name: of the instrument.
         time: (k,) s, mean of each cell.
         passed: (k,) part of the recording that has passed by then.
         weight: (c, k) what a course of one adds to each sum of a component, over the usual one.
@@ -31,7 +32,7 @@ class Instrument:
     """
 
     def __init__(self, name: str, channels: Sequence[str], noise: StageNoise, times: Array) -> None:
-        self._noise = noise
+        self.name, self._noise = name, noise
         self._channels = [channel for channel in channels if instrument_of(channel) == name]
         count = len(self._channels)
         # What each head shows beyond their mean sums to zero: contrasts do not.

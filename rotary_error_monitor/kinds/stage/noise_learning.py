@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from hashlib import sha256
@@ -169,10 +170,9 @@ class NoiseLearning:
 
     def learn_slow_noise(self, causes: Sequence[Cause]) -> bool:
         """Slow noise of each instrument."""
-        names = dict.fromkeys(instrument_of(channel) for channel in self._problem.channels if channel != COMMAND)
         rest = self._problem.residual(causes)
         known = KnownEffects(self._problem, causes, rest)
-        changed = [name for name in names if self._learn_slow_noise_of(name, causes, rest, known)]
+        changed = [name for name in self._instruments() if self._learn_slow_noise_of(name, causes, rest, known)]
         for name in changed:
             self._nuisances.forget(name)
             self._signatures.follow_slow_noise(name)
@@ -185,7 +185,8 @@ class NoiseLearning:
         white = own.sums(rest)[:, :, 0]
         uncertain = np.hstack([own.stacked(problem.own_nuisance(causes)), *known.sizes(own.stacked)])
         seen = known.seen_by(own.stacked)
-        found = learn_slow_noise(white, own.weight, own.passed, uncertain, self._rivals(own), seen)
+        rivals = itertools.chain([self._shown_elsewhere(own, rest)], self._rivals(own))
+        found = learn_slow_noise(white, own.weight, own.passed, uncertain, rivals, seen)
         before = self._slow.pop(name, None)
         if found is not None:
             self._slow[name] = found
@@ -202,6 +203,22 @@ class NoiseLearning:
             return None
         rows = self._problem.noise.without_slow_noise(columns.rows if isinstance(columns, SparseRows) else columns)
         return replace(columns, rows=rows) if rows is not None and isinstance(columns, SparseRows) else rows
+
+    def _shown_elsewhere(self, own: Instrument, rest: Rows) -> Rivals:
+        """Slow courses of each other instrument: what both show alike is noise of neither."""
+        problem, found = self._problem, []
+        for name in self._instruments():
+            if name != own.name:
+                first = next(channel for channel in problem.channels if instrument_of(channel) == name)
+                other = Instrument(name, problem.channels, problem.noise, problem.times(first))
+                courses = _slow_courses(other.sums(rest)[:, :, 0], other.weight, other.passed)
+                columns = np.stack([np.interp(own.time, other.time, course) for course in courses], axis=1)
+                found.append(in_all(columns, own.weight))
+        return _seen(found)
+
+    def _instruments(self) -> tuple[str, ...]:
+        channels = (channel for channel in self._problem.channels if channel != COMMAND)
+        return tuple(dict.fromkeys(instrument_of(channel) for channel in channels))
 
     def _rivals(self, own: Instrument) -> Iterator[Rivals]:
         """What else may be slow beside known effects: what goes with an input, and waves."""
@@ -304,6 +321,16 @@ def _orbits(angle: Array, passed: Array) -> Iterator[Rivals]:
     turning = np.stack([np.cos(orders), np.sin(orders)], axis=2)
     yield [each * (passed > begin)[:, None] for each in turning for begin in begins]
     yield [(each[:, :, None] * courses[:, None]).reshape(len(passed), -1) for each in turning]
+
+
+def _slow_courses(white: Array, weight: Array, passed: Array) -> list[Array]:
+    """(k,) course of each component by its sums (c, k), of waves as long as those that are looked for elsewhere."""
+    basis = cosines(passed)[:, : WAVES + 1]
+    found = []
+    for sums, each in zip(white, weight, strict=True):
+        columns = basis * each[:, None]
+        found.append(basis @ np.linalg.lstsq(columns, sums, rcond=None)[0])
+    return found
 
 
 def _waves(passed: Array) -> Rivals:

@@ -12,6 +12,8 @@ from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.gap.fitting import fit_causes
 from rotary_error_monitor.kinds.stage.problem import StageProblem
+from rotary_error_monitor.plant.noise import Noise
+from rotary_error_monitor.plant.noise_forms import Wander
 
 EFFECTS = load_effects(StageEffect)
 SEEDS = range(4, 12)
@@ -44,6 +46,31 @@ def test_slow_noise_beside_a_cause_is_learnt(stage_problem):
         problem, truth = stage_problem(seed, "single", ["head_missed_counts"], snr=(100.0, 200.0), noise="wander")
         told += slow_noise_beside_lost_counts(problem, truth.faults[0].location)
     assert len(told) >= len(seeds) - 1, told
+
+
+def slow_noise_told_where_two_wander(problem, seed, *, alike):
+    """Instruments whose slow noise is told: autocollimator and LVDT follow one slow course, or each one of its own."""
+    streams = dict(problem.recording.streams)
+    for name in ("autocollimator", "lvdt"):
+        stream, values = streams[name], streams[name].values.copy()
+        course = Wander(0.3, 2.0).shaped(np.zeros((len(values), 1)), Noise(seed, "one" if alike else name), stream.time)
+        values[:, :1] += problem.noise.std[name] * course
+        streams[name] = dataclasses.replace(stream, values=values)
+    wandering = StageProblem(problem.stage, dataclasses.replace(problem.recording, streams=streams), EFFECTS)
+    wandering.learn_noise(())
+    told = [remark for remark in wandering.remarks(wandering.residual(())) if "slow noise" in remark]
+    return {name for name in ("autocollimator", "lvdt") if any(remark.startswith(name) for remark in told)}
+
+
+def test_what_two_instruments_show_alike_is_noise_of_neither(stage_problem):
+    """A rotor that leans slowly moves both. Where each took it for noise of its own, there was no gap."""
+    alike, own, seeds = [], [], SEEDS[:5]
+    for seed in seeds:
+        problem, _ = stage_problem(seed, "null")
+        alike.append(slow_noise_told_where_two_wander(problem, seed, alike=True))
+        own.append(slow_noise_told_where_two_wander(problem, seed, alike=False))
+    assert sum(not told for told in alike) >= len(seeds) - 1, alike
+    assert sum(told == {"autocollimator", "lvdt"} for told in own) >= len(seeds) - 1, own
 
 
 def test_a_cause_that_shows_nowhere_changes_nothing(stage_problem):
