@@ -7,6 +7,7 @@ import itertools
 import numpy as np
 import pytest
 from mock_bags import EPOCH_NS
+from pushed_inputs import push_block
 
 from rotary_error_monitor import analyse, estimate
 from rotary_error_monitor.bags.writer import write_messages
@@ -44,7 +45,7 @@ def published(blocks, max_gap_ns):
     """What an estimator publishes of these blocks as they come, live."""
     estimator = Estimator(load_stage(), EstimatorSettings(period_ns=PERIOD_NS, max_gap_ns=max_gap_ns))
     in_order = sorted(((b.newest_ns, name, b) for name, each in blocks.items() for b in each), key=lambda x: x[:2])
-    parts = [part for _, name, block in in_order for part in estimator.push(name, block)]
+    parts = [part for _, name, block in in_order for part in push_block(estimator, name, block)]
     return [*parts, *estimator.finish()]
 
 
