@@ -27,7 +27,7 @@ def without_gross_inputs(stage: StageDescription, recording: StageRecording) -> 
         stream = streams[name]
         gross = _of_command(stream, noise_std(stage)[HEAD] or SEEN) if name == COMMAND else _of_columns(stream)
         if gross.any():
-            remarks.append(f"{name}: {np.count_nonzero(gross)} spikes left out")
+            remarks.append(f"{name}: spikes left out: {np.count_nonzero(gross)}")
             streams[name] = Stream(stream.time[~gross], stream.values[~gross])
     if len(remarks) == len(recording.remarks):
         return recording

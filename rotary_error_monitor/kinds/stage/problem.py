@@ -343,7 +343,7 @@ class StageProblem:
     def remarks(self, rest: Rows) -> tuple[str, ...]:
         """What was left out of the recording, and sensors noisier than the twin says."""
         found = [*self.recording.remarks, *left_out(self.twin, partial(self.raw_residual, ()), self.noise.std)]
-        found += [f"{name}: {count} spikes left out" for name, count in self.spikes().items() if count]
+        found += [f"{name}: spikes left out: {count}" for name, count in self.spikes().items() if count]
         found += [*motion_remarks(self.recording, int(self.noise.uncommanded.sum())), *self.noise.slow_remarks()]
         time = self.noise.grid.time
         found += [
