@@ -6,7 +6,14 @@ import numpy as np
 
 from rotary_error_monitor.description.machine import Harmonic, MachineDescription
 from rotary_error_monitor.effects.effect import Parameter, Role, Searched, Values
-from rotary_error_monitor.effects.machine_effect import LINEAR, MachineEffect, axes_of, moved, positioning_error
+from rotary_error_monitor.effects.machine_effect import (
+    LINEAR,
+    MachineEffect,
+    axes_of,
+    moved,
+    positioning_error,
+    with_positioning_error,
+)
 
 _NOWHERE = np.zeros(3)
 
@@ -48,7 +55,7 @@ class AxisScale(MachineEffect):
         """Add in proportion to the position."""
         low, high = machine.axis(location).travel
         poly = values[0] * np.array([0.5 * (low + high), 0.5 * (high - low)])
-        return machine.with_error(positioning_error(machine, location), poly=[float(value) for value in poly])
+        return with_positioning_error(machine, location, poly=[float(value) for value in poly])
 
 
 class ThermalExpansion(MachineEffect):
@@ -146,7 +153,7 @@ class CyclicError(MachineEffect):
     def amend(self, machine: MachineDescription, values: Values, location: str) -> MachineDescription:
         """Add a wave to the positioning error."""
         wave = Harmonic(2 * np.pi / float(values[0]), float(values[1]), float(values[2]))
-        return machine.with_error(positioning_error(machine, location), harmonic=(wave,))
+        return with_positioning_error(machine, location, harmonic=(wave,))
 
 
 def _across(machine: MachineDescription, directions: str) -> tuple[str, ...]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
 
-from rotary_error_monitor.description.machine import Displacement, MachineDescription
+from rotary_error_monitor.description.machine import Displacement, Harmonic, MachineDescription
 from rotary_error_monitor.effects.effect import Effect, Searched, Values
 
 LINEAR = "linear"
@@ -43,6 +44,26 @@ def positioning_error(machine: MachineDescription, letter: str) -> str:
     axis = machine.axis(letter)
     along = "XYZ" if axis.kind == LINEAR else "ABC"
     return f"E{along[int(np.argmax(np.abs(axis.direction)))]}{letter}"
+
+
+def sign_of(machine: MachineDescription, letter: str) -> float:
+    """1 if the axis moves positively along or about the coordinate of its `positioning_error`, -1 if negatively."""
+    return math.copysign(1.0, max(machine.axis(letter).direction, key=abs))
+
+
+def with_positioning_error(
+    machine: MachineDescription, letter: str, *, poly: Sequence[float] = (), harmonic: Sequence[Harmonic] = ()
+) -> MachineDescription:
+    """The machine with a polynomial or harmonics added to the error along or about an axis's own direction.
+
+    It points to where the largest share of that direction is positive, as the component `positioning_error` does.
+    """
+    sign = sign_of(machine, letter)
+    for name, share in machine.axis(letter).positioning_shares.items():
+        part = sign * share
+        waves = [Harmonic(wave.order, part * wave.cos, part * wave.sin) for wave in harmonic]
+        machine = machine.with_error(name, poly=[part * term for term in poly], harmonic=waves)
+    return machine
 
 
 def moved(machine: MachineDescription, body: str, shift: Values, rotation: Values) -> MachineDescription:

@@ -6,7 +6,7 @@ import numpy as np
 
 from rotary_error_monitor.description.machine import Harmonic, MachineDescription
 from rotary_error_monitor.effects.effect import Parameter, Searched, Values, wave_of_order
-from rotary_error_monitor.effects.machine_effect import ROTARY, MachineEffect, axes_of, moved, positioning_error
+from rotary_error_monitor.effects.machine_effect import ROTARY, MachineEffect, axes_of, moved, with_positioning_error
 
 _NOWHERE = np.zeros(3)
 
@@ -25,7 +25,7 @@ class RotaryHarmonic(MachineEffect):
     def amend(self, machine: MachineDescription, values: Values, location: str) -> MachineDescription:
         """Add the harmonic."""
         wave = Harmonic(round(float(values[0])), float(values[1]), float(values[2]))
-        return machine.with_error(positioning_error(machine, location), harmonic=(wave,))
+        return with_positioning_error(machine, location, harmonic=(wave,))
 
 
 class PivotOffset(MachineEffect):
@@ -79,7 +79,7 @@ class HeadDroop(MachineEffect):
 
     def amend(self, machine: MachineDescription, values: Values, location: str) -> MachineDescription:
         """Add to the tilting axis's positioning error."""
-        return machine.with_error(positioning_error(machine, "A"), harmonic=(Harmonic(1, 0.0, float(values[0])),))
+        return with_positioning_error(machine, "A", harmonic=(Harmonic(1, 0.0, float(values[0])),))
 
 
 class ToolLength(MachineEffect):

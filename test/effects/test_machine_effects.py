@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -10,6 +12,8 @@ from rotary_error_monitor.description.machine import machine_from_mapping
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.machine_effect import MachineEffect
+from rotary_error_monitor.kinds.mount.effects import MountEffect
+from rotary_error_monitor.machine.components import arrange_components
 from rotary_error_monitor.machine.uncertainty import uncertain_shifts
 from rotary_error_monitor.twin.machine import MachineRecording, predict_probe
 
@@ -202,3 +206,26 @@ def test_uncertain_parameters_are_moved_one_by_one(name, size, added):
     for shift, change in zip(shifts, added, strict=True):
         moved = predict_probe(shift.machine, RECORDING) - predict_probe(machine, RECORDING)
         np.testing.assert_allclose(moved, expected_probe(change) - expected_probe(), rtol=0, atol=2e-10)
+
+
+@pytest.mark.parametrize("name", ["axis_scale", "cyclic_error", "rotary_harmonic", "axis_harmonic", "axis_gear_ratio"])
+@pytest.mark.parametrize("seed", range(3))
+def test_an_axis_that_is_inclined_is_off_along_itself(name, seed):
+    """Nothing across it: a scale is off in the direction in which it lies."""
+    generator = np.random.default_rng(seed)
+    direction = generator.normal(size=3)
+    direction /= np.linalg.norm(direction)
+    effects = (*load_effects(MachineEffect), *load_effects(MountEffect))
+    effect = next(each for each in effects if each.name == name)
+    letter = "X" if name in ("axis_scale", "cyclic_error") else "C"
+    inclined = replace(MACHINE.axis(letter), direction=tuple(direction.tolist()))
+    axes = tuple(inclined if axis.letter == letter else axis for axis in MACHINE.axes)
+    machine = replace(MACHINE, axes=axes, errors={})
+    start = effect.start(letter)
+    values = np.where(start == 0, [parameter.scale for parameter in effect.parameters], start)
+    errors = arrange_components(effect.amend(machine, values, letter)).at(POSES.T, WAY.T, None)
+    first = 0 if letter == "X" else 3
+    off = errors[first : first + 3, LETTERS.index(letter)]
+    along = direction @ off
+    assert np.ptp(along) > 0
+    assert off == pytest.approx(np.outer(direction, along), rel=1e-12, abs=1e-20)

@@ -16,7 +16,7 @@ import numpy as np
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.machine import Harmonic, MachineDescription
 from rotary_error_monitor.effects.effect import Effect, Parameter, Values, wave_of_order
-from rotary_error_monitor.effects.machine_effect import positioning_error
+from rotary_error_monitor.effects.machine_effect import sign_of, with_positioning_error
 
 _POINTING = "Wallace 2002, A rigorous algorithm for telescope pointing (Proc. SPIE 4848)"
 
@@ -75,11 +75,6 @@ def dot(a: Array, b: Array) -> Array:
     return np.asarray(np.sum(a * b, axis=0), np.float64)
 
 
-def sign_of(machine: MachineDescription, letter: str) -> float:
-    """1 if the axis turns positively about a coordinate of its body, -1 if negatively: errors are told about that."""
-    return float(np.sign(sum(machine.axis(letter).direction)))
-
-
 def about_axis(state: PointingState, letter: str) -> Array:
     """(3, n) unit vector about which an axis turns positively, in the ground's frame."""
     return -state.polar if letter == "H" else state.declination
@@ -136,7 +131,7 @@ class AxisGearRatio(_AxisEffect):
         low, high = machine.axis(location).travel
         slope = sign_of(machine, location) * float(values[0])
         poly = (0.5 * slope * (low + high), 0.5 * slope * (high - low))
-        return machine.with_error(positioning_error(machine, location), poly=poly)
+        return with_positioning_error(machine, location, poly=poly)
 
 
 class AxisBacklash(_AxisEffect):
@@ -260,4 +255,4 @@ def _with_wave(
 ) -> MachineDescription:
     sign = sign_of(machine, letter)
     wave = Harmonic(order, sign * float(cos), sign * float(sin))
-    return machine.with_error(positioning_error(machine, letter), harmonic=(wave,))
+    return with_positioning_error(machine, letter, harmonic=(wave,))
