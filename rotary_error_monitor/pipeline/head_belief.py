@@ -253,7 +253,7 @@ class HeadBelief:
             largest = math.sqrt(max(each for _, _, each in self._beyond))
             self.contradiction = (
                 f"the heads contradict one another by {largest:.3g} standard deviations, and nothing tells "
-                "which is wrong; a head's place, zero or direction, or the described noise may be wrong"
+                "which is wrong; a head's place, zero or direction, the graduation or the described noise may be wrong"
             )
 
     def _excesses(self, freedom: float, end: int) -> tuple[float, float, float]:

@@ -47,14 +47,14 @@ def offset_text(machine: MachineDescription, poses: Poses, budget: OffsetBudget)
 def notes_of(machine: MachineDescription, poses: Poses, budget: OffsetBudget) -> list[str]:
     """What somebody should know who reads the figures."""
     found = []
-    unknown = [
-        axis.letter
-        for axis, direction in zip(machine.axes, poses.direction.T, strict=True)
-        if _has_directions(machine, axis.letter) and np.any(direction == 0)
-    ]
+    unknown = []
+    for axis, direction in zip(machine.axes, poses.direction.T, strict=True):
+        count = int(np.count_nonzero(direction == 0))
+        if count and _has_directions(machine, axis.letter):
+            unknown.append(axis.letter if count == len(poses) else f"{axis.letter} at {count} of {len(poses)} poses")
     if unknown:
         found.append(
-            f"the direction of travel of {', '.join(unknown)} is not known; the mean of both directions is taken"
+            f"the direction of travel of {', '.join(unknown)} is not known; the mean of both directions is taken there"
         )
     if budget.uncertainty is None:
         found.append(NONE_STATED)

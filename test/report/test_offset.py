@@ -67,6 +67,15 @@ def test_what_is_not_known_is_said(tmp_path: Path, capsys: pytest.CaptureFixture
     np.testing.assert_allclose(lines_of(text)["standard uncertainty"][3:], 2.0, rtol=0, atol=1e-3)
 
 
+def test_where_a_direction_is_not_known_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of an axis whose direction is known at some poses nothing else is said than at how many it is not."""
+    program = tmp_path / "poses.csv"
+    rows = ["1,0,0,0,0,1,0,1,-1,0", "2,0,0,0,0,1,1,1,-1,0", "3,0,0,0,0,1,0,1,-1,0"]
+    program.write_text("\n".join([f"X_mm,Y_mm,Z_mm,A_deg,C_deg,{WAYS}", *rows]), encoding="utf-8")
+    assert run("xyzac_trt", "--program", program) == 0
+    assert "direction of travel of Y at 2 of 3 poses, C is not known; the mean" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("more", ["", f",{WAYS}", ",temperature_degC", f",{WAYS},temperature_degC"])
 def test_a_program_gives_what_its_poses_give_one_by_one(
     more: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
