@@ -21,7 +21,7 @@ from rotary_error_monitor.codec.contents import TYPES, Temperature
 from rotary_error_monitor.codec.messages import encode
 from rotary_error_monitor.errors import InputError
 
-from .conftest import START, read_by_mcap, read_by_rosbags, records
+from .conftest import START, halted, read_by_mcap, read_by_rosbags, records
 
 TOPICS = [BagTopic(f"/t/{name}", TYPES[Temperature]) for name in "ab"]
 COUNT, PER_CHUNK = 60, 5
@@ -41,7 +41,7 @@ def messages(numbers: range) -> Counter[Message]:
 def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A bag of twelve chunks."""
     folder = tmp_path_factory.mktemp("original") / "bag"
-    with BagWriter(folder, TOPICS) as writer:
+    with BagWriter(folder, TOPICS, clock=halted) as writer:
         for number in range(COUNT):
             writer.write(TOPICS[number % 2].name, message(number), START + number)
             if number % PER_CHUNK == PER_CHUNK - 1:

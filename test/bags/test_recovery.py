@@ -20,7 +20,7 @@ from rotary_error_monitor.codec.messages import encode
 from rotary_error_monitor.description.wire import load_wire
 from rotary_error_monitor.errors import InputError
 
-from .conftest import START, read_by_mcap, read_by_rosbags, records
+from .conftest import START, halted, read_by_mcap, read_by_rosbags, records
 
 TOPICS = [BagTopic(f"/t/{name}", TYPES[Temperature]) for name in "ab"]
 COUNT = 24
@@ -34,7 +34,7 @@ def _message(number: int) -> bytes:
 @pytest.fixture
 def bag(tmp_path: Path) -> Path:
     """Small bag of several chunks."""
-    with BagWriter(tmp_path / "bag", TOPICS) as writer:
+    with BagWriter(tmp_path / "bag", TOPICS, clock=halted) as writer:
         for number in range(COUNT):
             writer.write(TOPICS[number % 2].name, _message(number), START + number)
             if number % PER_CHUNK == PER_CHUNK - 1:
@@ -183,7 +183,7 @@ def test_bags_of_other_recorders_are_recovered(tmp_path: Path, compression: Comp
 
 def _alone(folder: Path, name: str, cut: int = 0) -> Path:
     """An mcap file, whole or without its last bytes."""
-    with BagWriter(folder / "made", TOPICS) as writer:
+    with BagWriter(folder / "made", TOPICS, clock=halted) as writer:
         for number in range(COUNT):
             writer.write(TOPICS[number % 2].name, _message(number), START + number)
     content = _file(folder / "made").read_bytes()

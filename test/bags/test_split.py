@@ -20,7 +20,7 @@ from rotary_error_monitor.codec.contents import TYPES, Temperature
 from rotary_error_monitor.codec.messages import encode
 from rotary_error_monitor.errors import InputError
 
-from .conftest import START, read_by_mcap, read_by_rosbags
+from .conftest import START, halted, read_by_mcap, read_by_rosbags
 
 TOPICS = [BagTopic(f"/t/{name}", TYPES[Temperature]) for name in "ab"]
 SECOND = 1_000_000_000
@@ -107,7 +107,7 @@ def test_a_killed_recording_of_several_files(tmp_path: Path, count: int) -> None
 @pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
 def test_compressed_bags_are_read_by_all(tmp_path: Path, compression: str) -> None:
     bag = tmp_path / "bag"
-    with BagWriter(bag, TOPICS, compression=compression) as writer:
+    with BagWriter(bag, TOPICS, compression=compression, clock=halted) as writer:
         for number in range(30):
             writer.write("/t/a", _message(number, 5000), START + number * SECOND // 10)
     size = sum(path.stat().st_size for path in bag.glob("*.mcap"))

@@ -75,7 +75,7 @@ def write_bag(folder: Path, contents: Mapping[str, Sequence[Content]]) -> Path:
     """The bag as our own recorder writes it; what its stamps are does not matter to it."""
     topics = [BagTopic(topic, TYPES[type(values[0])]) for topic, values in contents.items()]
     rows = sorted(((value.stamp_ns, name, i) for name, values in contents.items() for i, value in enumerate(values)))
-    with BagWriter(folder, topics) as writer:
+    with BagWriter(folder, topics, clock=lambda: 0.0) as writer:
         for k, (_, name, i) in enumerate(rows):
             writer.write(name, encode(contents[name][i]), START + k)
     return folder
