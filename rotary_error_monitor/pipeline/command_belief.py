@@ -15,8 +15,8 @@ from rotary_error_monitor.pipeline.head_belief import AGREEMENT
 from rotary_error_monitor.pipeline.ring_belief import ABSENT
 from rotary_error_monitor.pipeline.speed_slope import SpeedSlope
 from rotary_error_monitor.pipeline.trailing import Trailing
-from rotary_error_monitor.pipeline.turn_memory import TurnMemory
 from rotary_error_monitor.pipeline.usual_level import UsualLevel
+from rotary_error_monitor.pipeline.zero_keeping import ZeroKeeping
 
 STEADY = 0.25
 """Part of the largest following error by which rotation and command may come apart within a window."""
@@ -68,7 +68,7 @@ class CommandBelief:
         self._last: Window | None = None
         self._compared: int | None = None
         self._still = self._speed = 0.0
-        self._zero = _ZeroKeeping()
+        self._zero = ZeroKeeping()
         self._distances: list[float] = []  # of the last two windows
         self._slope = SpeedSlope(10 * LONG)
         self._usual = UsualLevel()
@@ -132,14 +132,14 @@ class CommandBelief:
             self._agreeing = self._agreeing + window.duration if back else 0.0
             if self._agreeing >= AGREEMENT:
                 self._believe_again(usual, late)
-        else:
+        elif last.tells_rotation:
             self._usual.add((window.mean.ecc + self.delay * speed, 0.0))
         self._settle(speed, self._scatter(window), window.mean.ecc, window.duration)
 
     def _believe_again(self, usual: bool, late: str) -> None:
         self.doubt = ""
         if usual:  # what was kept of each angle may hold the fault, which was not seen as it began
-            self._zero = _ZeroKeeping()
+            self._zero = ZeroKeeping()
         self._zero.begin(sound=False)
         if late:  # by windows of the fault, which the slope still holds
             self.delay = self._usual_delay
@@ -186,7 +186,7 @@ class CommandBelief:
         if len(windows) > 1:
             self._told = windows.last, speeds[-1]
         for theta, turned, distance, speed in zip(thetas, moved, distances, speeds, strict=True):
-            self.shift = self._zero.judge(theta, turned, distance + self.delay * speed, self._noise)
+            self.shift = self._zero.judge(theta, turned, (distance, speed), self.delay, self._noise)
         measured = self._measure(windows.first, thetas, distances, windows.scatter.ecc)
         samples = [max(1.0, windows.ticks * each) for each in windows.mean.head_samples]
         scatters = list(map(_deviation, measured, samples))
@@ -258,9 +258,10 @@ class CommandBelief:
         )
 
     def _shift_in_silence(self, window: Window, last: Window, speed: float) -> float:
-        distance = window.mean.ecc + self.delay * speed  # the delay's part goes with the speed
-        moved = window.mean.theta - last.mean.theta
-        return self._zero.judge(window.mean.theta, moved, distance, self._noise)
+        theta, distance = window.mean.theta, window.mean.ecc
+        if not (window.tells_rotation and last.tells_rotation):  # the speed is anything up to this one
+            return self._zero.judge(theta, 0.0, (distance, 0.0), self.delay, self._noise, abs(self.delay * speed))
+        return self._zero.judge(theta, theta - last.mean.theta, (distance, speed), self.delay, self._noise)
 
     def _scatter(self, window: Window) -> float:
         """Standard deviation of a single distance by the scatter of windows about their neighbours, or within, rad."""
@@ -331,50 +332,3 @@ def _tells(window: Window) -> bool:
 def _deviation(variances: tuple[float, float] | None, samples: float) -> float:
     """Standard deviation of a single one of so many samples by the variances among windows and within; 0 without."""
     return 0.0 if variances is None else math.sqrt(max(variances[0] * samples, variances[1]))
-
-
-class _ZeroKeeping:
-    """Holds the distance of rotation and command against what it was before a silence, at the same angle or at last.
-
-    Attributes:
-        open: whether it is being compared.
-        off: by how much it is another since then, rad: mean over the windows of a second.
-    """
-
-    def __init__(self) -> None:
-        """Nothing was seen."""
-        self._turn, self._place = TurnMemory(), math.nan
-        self._latest: deque[tuple[float, float, float]] = deque()
-        self._apart: deque[float] = deque(maxlen=LONG)
-        self.open, self.off = False, 0.0
-
-    def begin(self, *, sound: bool) -> None:
-        """A silence has ended, or a fault of heads, of which the latest windows were not `sound`."""
-        while sound and self._latest:
-            self._keep()
-        self._latest.clear()
-        self._apart.clear()
-        self.open = not math.isnan(self._place)
-
-    @property
-    def latest(self) -> float:
-        """The same in the latest window, rad."""
-        return self._apart[-1] if self._apart else 0.0
-
-    def judge(self, theta: float, moved: float, distance: float, noise: float) -> float:
-        """Size of what it is off by, rad; of less than the `noise` (rad) of a reading for `SHORT` windows nothing."""
-        if self.open:
-            before = self._turn.get(theta, moved)
-            self._apart.append(distance - (self._place if before is None else before[0]))
-            self.off = sum(self._apart) / len(self._apart)
-            self.open = len(self._apart) < SHORT or abs(self.off) > noise
-        if not self.open:
-            self.off = 0.0
-            self._latest.append((theta, moved, distance))
-            if len(self._latest) > LONG:  # a wrong head is found by then
-                self._keep()
-        return abs(self.off)
-
-    def _keep(self) -> None:
-        theta, moved, self._place = self._latest.popleft()
-        self._turn.put(theta, moved, (self._place, 0.0))

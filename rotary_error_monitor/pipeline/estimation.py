@@ -21,6 +21,7 @@ from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.metrology.responses import correct_block
 from rotary_error_monitor.pipeline.belief import Belief
+from rotary_error_monitor.pipeline.common_turns import CommonTurns
 from rotary_error_monitor.pipeline.estimator_settings import LONGEST_GAP_NS
 from rotary_error_monitor.pipeline.estimator_settings import EstimatorSettings as EstimatorSettings
 from rotary_error_monitor.pipeline.estimator_settings import EstimatorStatus as EstimatorStatus
@@ -82,6 +83,7 @@ class Estimator:
         self._stream_bits = np.array([[self._bits[name]] for name in self._streams])
         self._judged_bits = sum(bit for name, bit in self._bits.items() if name not in stage.sensors)
         self._head_bits = sum(self._bits[name] for name in self._heads)
+        self._common_turns = CommonTurns({name: self._bits[name] for name in self._heads})
         self._repetition = None if decisions is None else Repetition(decisions, self._bits, tuple(self._streams))
         self._layouts: dict[HeadLayout, tuple[int, ...]] = {}
         period_ns, limit = self._settings.period_ns, self._settings.disagreement_limit
@@ -275,6 +277,7 @@ class Estimator:
             values = self._repetition.joined(ticks, signals, values, settings.period_ns)
         resampled = dict(zip(self._streams, values, strict=True))
         there = self._streams_at(ticks, values)
+        self._common_turns.take_out(resampled, there)
         found, begin = [], 0
         while begin < count:
             index = np.arange(begin, count)
@@ -379,6 +382,8 @@ class Estimator:
         made = self._ticks.make_each(sampled, there, used, rates)
         if made.layout is not None:
             self.status.unseen_orders = self._unseen_orders(made.layout)
+        if self.status.turns:  # the rotor has not moved by what was taken out between two windows
+            made.evidence[:, EVIDENCE["theta"]] += 2 * np.pi * self.status.turns
         numbers = first + np.arange(len(there))
         evidence = Evidence(numbers, made.evidence, made.parity, there & self._judged_bits, made.readings)
         return made.motion, evidence, made.disagreement, made.redundancy
