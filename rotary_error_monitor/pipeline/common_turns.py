@@ -27,7 +27,9 @@ class CommonTurns:
         """Of heads by the names of their streams, in their order, with their bits in a mask."""
         self._names = tuple(bits)
         self._bits = np.array(list(bits.values()), np.int64)[:, None]
+        self._all = sum(bits.values())
         self._ahead = np.full(len(bits), np.nan)  # turns by which each is ahead of the common count; NaN if not known
+        self._alike = False  # whether all count the same
 
     def take_out(self, sampled: Mapping[str, Resampled], there: NDArray[np.int64]) -> None:
         """Bring readings (rad) to a common count, in place, at the next m ticks.
@@ -39,6 +41,8 @@ class CommonTurns:
         if len(self._names) < 2:
             return
         readings = np.stack([sampled[name].values[:, 0] for name in self._names])
+        if self._alike and (there & self._all == self._all).all() and np.ptp(readings, axis=0).max() < ANOTHER * TURN:
+            return  # as nearly always
         shown = ((there & self._bits) != 0) & np.isfinite(readings)
         counts = readings / TURN
         begin = end = 0
@@ -73,3 +77,4 @@ class CommonTurns:
         among = moved[known].tolist()
         usual = max(among, key=among.count) if among else 0.0  # the first of those that are as frequent
         self._ahead[shown] = (ahead + moved - usual)[shown]
+        self._alike = not self._ahead.any()  # what is not known is not alike
