@@ -84,8 +84,8 @@ DRAWN := $(addprefix test/,$(addprefix analysis/test_,motion.py trend.py) bags/t
 	$(addprefix cases/test_,cases.py departures.py mimics.py) $(addprefix commissioning/test_,command.py measured_curves.py travel.py) \
 	$(addprefix faults/test_,all_late.py begin.py calibrated.py common_zero.py ends.py few_heads.py gaps.py recordings.py \
 	recovery.py responses.py) \
-	kinds/quadrature/test_problem.py $(addprefix kinds/stage/test_,admission.py diagnosis.py gradual.py listed_sensors.py \
-	motion.py rounding.py without_autocollimator.py) machine/test_uncertainty_rates.py nodes/test_stage_files.py $(addprefix metrology/test_,assembly.py \
+	kinds/quadrature/test_problem.py $(addprefix kinds/stage/test_,admission.py diagnosis.py forces.py gradual.py listed_sensors.py \
+	motion.py rounding.py without_autocollimator.py) machine/test_uncertainty_rates.py nodes/test_stage_files.py pipeline/test_common_turns.py $(addprefix metrology/test_,assembly.py \
 	spindle_figures.py))
 MODELS := $(addprefix test/,calibration effects gap kinds machine metrology noise sensors twin)
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import yaml
 from described_stages import stage_of
+from draws import seeds
 from faults.documenting import Row, shows
 from world import Options, make_recording
 from world.recording import FORCE
@@ -259,22 +260,27 @@ def test_from_file_to_file(tmp_path, capsys):
     assert main([*arguments, str(improved), "-o", str(tmp_path / "two")]) == 0
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_noise_of_the_load_cell_is_no_gap_however_good_the_heads_are(seed):
-    """Readings of the force with noise by which the rotor would yield as much as the heads show, or more."""
+def test_noise_of_the_load_cell_is_no_gap_however_good_the_heads_are():
+    """Readings of the force with noise by which the rotor would yield as much as the heads show, or more.
+
+    One in a hundred may be told nevertheless, at the named rate of false alarms: of 28 stages it was one.
+    """
     described = section({})
     described["encoder"]["counts_per_line"] = 1000
     described["spindle"]["radial_compliance"] = 1e-7  # 0.5 N are 0.5 µrad, and the noise of a head is 0.3
-    rates = {f"/stage/head_{head}/samples": 200.0 for head in "abcd"}
+    stage, rates = stage_of(described), {f"/stage/head_{head}/samples": 200.0 for head in "abcd"}
     options = Options.textbook(
         motion="both_directions", peak_speed=5.0, rates=rates, noise=1.0, jitter=1.0, force=True, lvdt=False
     )
-    topics = make_recording(seed, duration=SECONDS, stage=described, options=options).blocks
-    draw = np.random.default_rng(seed)
-    topics[FORCE] = [
-        replace(block, rows=block.rows + np.insert(0.5 * draw.normal(size=(len(block.rows), 2)), 0, 0.0, axis=1))
-        for block in topics[FORCE]
-    ]
-    stage = stage_of(described)
-    found = diagnose(stage_problem(stage, record_stage(topics, "abcd", without=("lvdt",)), EFFECTS))
-    assert found.verdict is Verdict.NO_GAP, found.as_mapping()["remainder"]
+    told = []
+    for seed in seeds(15):
+        topics = make_recording(seed, duration=SECONDS, stage=described, options=options).blocks
+        draw = np.random.default_rng(seed)
+        topics[FORCE] = [
+            replace(block, rows=block.rows + np.insert(0.5 * draw.normal(size=(len(block.rows), 2)), 0, 0.0, axis=1))
+            for block in topics[FORCE]
+        ]
+        found = diagnose(stage_problem(stage, record_stage(topics, "abcd", without=("lvdt",)), EFFECTS))
+        if found.verdict is not Verdict.NO_GAP:
+            told.append(found.as_mapping()["remainder"])
+    assert len(told) <= 1, told
