@@ -56,37 +56,39 @@ CELL_RATES := $(addprefix test/,fuzz soak world test_lacking_recordings.py bags/
 	gaps.py machine_faults.py page.py recordings.py responses.py undescribed_motion.py zero.py) \
 	$(addprefix pipeline/test_,command_belief.py estimation.py radial_heights.py reversals.py uncertain_responses.py) \
 	$(addprefix recordings/test_,cells.py long_recordings.py measured_curves.py) \
-	$(addprefix reproduction/test_,lou2019.py pan2013.py))
-MODEL_RATES := $(addprefix test/,blind_check $(addprefix analysis/test_,motion.py trend.py) \
-	benchmark/test_power.py \
-	$(addprefix calibration/test_,assembly_contradictions.py assembly_tables.py axis_lines.py axis_table.py \
-	collimator_rates.py head_comparison.py identification.py machine_rates.py steps.py straightness_bounds.py straightness_contradictions.py \
+	reproduction/test_pan2013.py)
+MODEL_RATES := $(addprefix test/,blind_check analysis/test_trend.py benchmark/test_power.py \
+	$(addprefix calibration/test_,assembly_tables.py axis_lines.py axis_table.py \
+	collimator_rates.py head_comparison.py identification.py machine_rates.py steps.py straightness_bounds.py \
 	yaml_text.py) \
 	$(addprefix gap/test_,bounds.py cases.py gross_errors.py) \
 	$(addprefix kinds/,machine/test_diagnosis.py quadrature/test_problem.py) \
-	$(addprefix kinds/stage/test_,admission.py diagnosis.py gradual.py listed_sensors.py motion.py no_gap.py \
+	$(addprefix kinds/stage/test_,diagnosis.py listed_sensors.py motion.py no_gap.py \
 	stretches.py without_autocollimator.py without_heads.py) \
-	$(addprefix metrology/test_,assembly.py axis_fits.py description_check.py positioning_bounds.py spindle_figures.py) \
-	$(addprefix cases/test_,cases.py departures.py mimics.py))
+	$(addprefix metrology/test_,axis_fits.py description_check.py positioning_bounds.py) cases/test_cases.py)
 # Rates that take longest are for whoever changes what they are of, and before a release: `make rates`.
-SWEEPS := $(addprefix test/,analysis/test_probes.py benchmark/test_ablation.py commissioning/test_rates.py \
-	$(addprefix calibration/test_,assembly_table_rates.py axis_table_rates.py flatness_bound_rates.py machine_sweep.py \
-	straightness_rates.py straightness_sweep.py) \
+SWEEPS := $(addprefix test/,$(addprefix analysis/test_,motion.py probes.py) benchmark/test_ablation.py \
+	$(addprefix calibration/test_,assembly_contradictions.py assembly_table_rates.py axis_table_rates.py \
+	flatness_bound_rates.py flatness_bounds.py machine_sweep.py straightness_contradictions.py straightness_rates.py \
+	straightness_sweep.py) $(addprefix cases/test_,departures.py mimics.py) \
+	$(addprefix commissioning/test_,measured_curves.py rates.py) \
 	$(addprefix faults/test_,late_heads.py listed_sensors.py slow_autocollimators.py stuck_command.py tilt_sensors.py \
-	without_heads.py) \
-	$(addprefix metrology/test_,positioning_bound_rates.py surface_range_rates.py) $(addprefix pipeline/test_,listed_sensors.py listed_tilt.py stage_files.py) recordings/test_compare_rates.py \
-	reproduction/test_pan2013_rates.py reproduction/test_zhou2023.py \
-	kinds/mount/test_departures.py $(addprefix kinds/stage/test_,play.py slow_noise.py stuck_thermometers.py thermometers.py tilt_sensors.py told_departures.py unknown.py waves.py))
+	without_heads.py) kinds/mount/test_departures.py \
+	$(addprefix kinds/stage/test_,admission.py gradual.py play.py rounding.py slow_noise.py stuck_thermometers.py \
+	thermometers.py tilt_sensors.py told_departures.py unknown.py waves.py) machine/test_uncertainty_rates.py \
+	$(addprefix metrology/test_,assembly.py positioning_bound_rates.py spindle_figures.py surface_range_rates.py) \
+	$(addprefix pipeline/test_,listed_sensors.py listed_tilt.py stage_files.py) \
+	$(addprefix recordings/test_,compare_bounds.py compare_rates.py) \
+	$(addprefix reproduction/test_,lou2019.py pan2013_rates.py zhou2023.py))
 RATES := $(CELL_RATES) $(MODEL_RATES) $(SWEEPS)
 # `make test` takes a third of the random stages that these draw (test/draws.py), `make rates` all of them.
-DRAWN := $(addprefix test/,$(addprefix analysis/test_,motion.py trend.py) bags/test_writer.py blind_check/test_blind_check.py \
-	$(addprefix calibration/test_,assembly_contradictions.py axis_table.py collimator_rates.py straightness_contradictions.py) \
-	$(addprefix cases/test_,cases.py departures.py mimics.py) $(addprefix commissioning/test_,command.py measured_curves.py travel.py) \
+DRAWN := $(addprefix test/,analysis/test_trend.py bags/test_writer.py blind_check/test_blind_check.py \
+	$(addprefix calibration/test_,axis_table.py collimator_rates.py) cases/test_cases.py \
+	$(addprefix commissioning/test_,command.py travel.py) \
 	$(addprefix faults/test_,all_late.py begin.py calibrated.py common_zero.py ends.py few_heads.py gaps.py recordings.py \
-	recovery.py responses.py) \
-	kinds/quadrature/test_problem.py $(addprefix kinds/stage/test_,admission.py diagnosis.py forces.py gradual.py listed_sensors.py \
-	motion.py rounding.py without_autocollimator.py) machine/test_uncertainty_rates.py nodes/test_stage_files.py pipeline/test_common_turns.py $(addprefix metrology/test_,assembly.py \
-	spindle_figures.py))
+	recovery.py responses.py) kinds/quadrature/test_problem.py \
+	$(addprefix kinds/stage/test_,diagnosis.py forces.py listed_sensors.py motion.py without_autocollimator.py) \
+	nodes/test_stage_files.py pipeline/test_common_turns.py)
 MODELS := $(addprefix test/,calibration effects gap kinds machine metrology noise sensors twin)
 
 PYTEST = -m pytest $(PYTEST_ARGS) $(addprefix --ignore=,$(1)) $(2)
@@ -127,8 +129,8 @@ rates: setup ## rates over many seeds that take too long for `make test` (SWEEPS
 
 # What computes without processes, and beside it the nodes' life cycle, whose processes have to answer in time.
 PYTHON312 ?= python3.12
-IN_312 := $(addprefix test/,bags/test_reader.py codec description/test_stage.py description/test_wire.py distribution machine \
-	metrology/test_encoder_heads.py metrology/test_positioning.py recordings/test_replay.py signals test_cli.py)
+IN_312 := $(addprefix test/,bags/test_reader.py codec description/test_wire.py machine/test_kernel.py \
+	metrology/test_encoder_heads.py recordings/test_replay.py signals test_cli.py)
 test-python312: ## the same packages with Python 3.12, in build/python312, and a part of the tests there
 	$(BESIDE) $(MAKE) --no-print-directory setup VENV=build/python312 PYTHON=$(PYTHON312)
 	AMENT_PREFIX_PATH=$(CURDIR)/build/python312 $(BESIDE) build/python312/bin/python -m pytest -q $(PYTEST_ARGS) $(IN_312)
