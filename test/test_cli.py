@@ -105,6 +105,9 @@ def test_commands_load_no_general_statistics_before_they_are_needed():
         "import sys, importlib\n"
         f"for name in {names}:\n"
         "    importlib.import_module(f'rotary_error_monitor.commands.{name}')\n"
+        "importlib.import_module('rotary_error_monitor.gap.loading')\n"
+        "importlib.import_module('rotary_error_monitor.kinds.stage.stretches')\n"
+        "importlib.import_module('rotary_error_monitor.kinds.machine.problem')\n"
         "print('scipy.stats' in sys.modules)"
     )
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

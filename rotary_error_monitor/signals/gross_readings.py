@@ -12,7 +12,7 @@ import itertools
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from scipy.stats import binom
+from scipy.special import bdtrc
 
 from rotary_error_monitor.arrays import Array, Mask
 
@@ -110,7 +110,7 @@ def recurring(gross: Mask, angle: Array) -> Mask:
 
     share = around(np.bincount(cells, minlength=PLACES) / len(cells))
     count = around(np.bincount(cells[begun], minlength=PLACES).astype(np.float64))
-    marked = PLACES * binom.sf(count - 1, total, np.minimum(share, 1.0)) < BY_CHANCE
+    marked = PLACES * bdtrc(count - 1, total, np.minimum(share, 1.0)) < BY_CHANCE
     return np.asarray(gross & (marked | np.roll(marked, 1))[cells], bool)
 
 
