@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from hashlib import sha256
@@ -180,13 +179,11 @@ class NoiseLearning:
 
     def _learn_slow_noise_of(self, name: str, causes: Sequence[Cause], rest: Rows, known: KnownEffects) -> bool:
         problem = self._problem
-        first = next(channel for channel in problem.channels if instrument_of(channel) == name)
-        own = Instrument(name, problem.channels, problem.noise, problem.times(first))
+        own = self._instrument(name)
         white = own.sums(rest)[:, :, 0]
         uncertain = np.hstack([own.stacked(problem.own_nuisance(causes)), *known.sizes(own.stacked)])
         seen = known.seen_by(own.stacked)
-        rivals = itertools.chain([self._shown_elsewhere(own, rest)], self._rivals(own))
-        found = learn_slow_noise(white, own.weight, own.passed, uncertain, rivals, seen)
+        found = learn_slow_noise(white, own.weight, own.passed, uncertain, self._rivals(own, rest), seen)
         before = self._slow.pop(name, None)
         if found is not None:
             self._slow[name] = found
@@ -206,11 +203,10 @@ class NoiseLearning:
 
     def _shown_elsewhere(self, own: Instrument, rest: Rows) -> Rivals:
         """Slow courses of each other instrument: what both show alike is noise of neither."""
-        problem, found = self._problem, []
+        found = []
         for name in self._instruments():
             if name != own.name:
-                first = next(channel for channel in problem.channels if instrument_of(channel) == name)
-                other = Instrument(name, problem.channels, problem.noise, problem.times(first))
+                other = self._instrument(name)
                 courses = _slow_courses(other.sums(rest)[:, :, 0], other.weight, other.passed)
                 columns = np.stack([np.interp(own.time, other.time, course) for course in courses], axis=1)
                 found.append(in_all(columns, own.weight))
@@ -220,8 +216,14 @@ class NoiseLearning:
         channels = (channel for channel in self._problem.channels if channel != COMMAND)
         return tuple(dict.fromkeys(instrument_of(channel) for channel in channels))
 
-    def _rivals(self, own: Instrument) -> Iterator[Rivals]:
-        """What else may be slow beside known effects: what goes with an input, and waves."""
+    def _instrument(self, name: str) -> Instrument:
+        problem = self._problem
+        first = next(channel for channel in problem.channels if instrument_of(channel) == name)
+        return Instrument(name, problem.channels, problem.noise, problem.times(first))
+
+    def _rivals(self, own: Instrument, rest: Rows) -> Iterator[Rivals]:
+        """What else may be slow beside known effects: what others show, what goes with an input, and waves."""
+        yield self._shown_elsewhere(own, rest)
         yield _seen([in_all(columns[:, None], own.weight) for columns in self._inputs(own.time).T])
         yield [in_all(columns, own.weight) for columns in _waves(own.passed)]
         angle = np.asarray(self._problem.twin.inputs.command(own.time), np.float64)
