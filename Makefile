@@ -27,11 +27,17 @@ $(VENV)/.ready: setup.py package.xml $(LOCKS) $(wildcard rotary_error_monitor/*/
 	@$(PYTHON) -c 'import ensurepip' 2>/dev/null || { echo 'installing python3-venv'; \
 		$$([ "$$(id -u)" = 0 ] || echo sudo) sh -c 'apt-get update -qq && apt-get install -y -qq python3-venv'; }
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --require-hashes -r requirements/build.lock
-	$(BIN)/python -m pip install --quiet --require-hashes --no-build-isolation -r requirements/cell.lock
+	$(BIN)/python -m pip install --quiet --no-compile --require-hashes -r requirements/build.lock
+	$(BIN)/python -m pip install --quiet --no-compile --require-hashes --no-build-isolation -r requirements/cell.lock
 	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@$(BIN)/python -m pip check
+	@$(BIN)/python -c '$(LOAD)'
 	@touch $@
+
+# Bytecode of all that is installed takes as long as installing it: that of what nodes load is enough, and is there
+# before ten of them start at once.
+LOAD := import pkgutil, importlib, rotary_error_monitor.nodes as nodes; \
+	[importlib.import_module(nodes.__name__ + "." + each.name) for each in pkgutil.iter_modules(nodes.__path__)]
 
 # Processes of the package start a tenth sooner; where Python may not write it as they start, none would find it.
 bytecode: setup
@@ -52,8 +58,8 @@ LIVE := $(addprefix test/,commissioning/test_live.py faults/clock faults/live li
 # Rates over many seeds compute for minutes, and coverage, which others give, would treble that: they come without it, as
 # do the tests of what is no part of the package.
 CELL_RATES := $(addprefix test/,fuzz soak world test_lacking_recordings.py bags/test_writer.py commissioning/test_command.py \
-	commissioning/test_travel.py description/test_configurations.py $(addprefix faults/test_,begin.py calibrated.py ends.py few_heads.py \
-	gaps.py machine_faults.py page.py recordings.py responses.py undescribed_motion.py zero.py) \
+	commissioning/test_travel.py description/test_configurations.py $(addprefix faults/test_, \
+	begin.py calibrated.py ends.py fast_stages.py few_heads.py gaps.py machine_faults.py page.py recordings.py responses.py undescribed_motion.py zero.py) \
 	$(addprefix pipeline/test_,command_belief.py estimation.py radial_heights.py reversals.py uncertain_responses.py) \
 	$(addprefix recordings/test_,cells.py long_recordings.py measured_curves.py))
 MODEL_RATES := $(addprefix test/,blind_check analysis/test_trend.py benchmark/test_power.py \
@@ -84,8 +90,8 @@ RATES := $(CELL_RATES) $(MODEL_RATES) $(SWEEPS)
 DRAWN := $(addprefix test/,analysis/test_trend.py bags/test_writer.py blind_check/test_blind_check.py \
 	$(addprefix calibration/test_,axis_table.py collimator_rates.py) cases/test_cases.py \
 	$(addprefix commissioning/test_,command.py travel.py) \
-	$(addprefix faults/test_,all_late.py begin.py calibrated.py common_zero.py ends.py few_heads.py gaps.py recordings.py \
-	recovery.py responses.py) kinds/quadrature/test_problem.py \
+	$(addprefix faults/test_,all_late.py begin.py calibrated.py common_zero.py ends.py fast_stages.py few_heads.py \
+	gaps.py recordings.py recovery.py responses.py) kinds/quadrature/test_problem.py \
 	$(addprefix kinds/stage/test_,diagnosis.py forces.py) \
 	nodes/test_stage_files.py pipeline/test_common_turns.py)
 MODELS := $(addprefix test/,calibration effects gap kinds machine metrology noise sensors twin)
@@ -126,12 +132,13 @@ test-others-rates:
 rates: setup ## rates over many seeds that take too long for `make test` (SWEEPS=1 make test-live: all of a newcomer's cases)
 	SWEEPS=1 $(BIN)/python $(call PYTEST,,$(SWEEPS) $(DRAWN))
 
-# What computes without processes, and beside it the nodes' life cycle, whose processes have to answer in time.
+# What computes without processes, and beside it the nodes' life cycle, whose processes have to answer in time. The
+# machine model is compiled for one width of vectors there, which takes a third of the time.
 PYTHON312 ?= python3.12
 IN_312 := $(addprefix test/,bags/test_reader.py codec description/test_wire.py machine/test_kernel.py \
 	metrology/test_encoder_heads.py recordings/test_replay.py signals test_cli.py)
 test-python312: ## the same packages with Python 3.12, in build/python312, and a part of the tests there
-	$(BESIDE) $(MAKE) --no-print-directory setup VENV=build/python312 PYTHON=$(PYTHON312)
+	CC='$(CC) -DENTRY=ENTRY_ONCE' $(BESIDE) $(MAKE) --no-print-directory setup VENV=build/python312 PYTHON=$(PYTHON312)
 	AMENT_PREFIX_PATH=$(CURDIR)/build/python312 $(BESIDE) build/python312/bin/python -m pytest -q $(PYTEST_ARGS) $(IN_312)
 	AMENT_PREFIX_PATH=$(CURDIR)/build/python312 $(ON_TIME) build/python312/bin/python -m pytest -q $(PYTEST_ARGS) test/nodes/test_managed.py
 
