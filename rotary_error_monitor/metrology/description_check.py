@@ -25,6 +25,7 @@ import copy
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from itertools import repeat
 from typing import NamedTuple
 
 import numpy as np
@@ -189,7 +190,7 @@ class FigureCheck:
         """Begin anew."""
         # lists: single numbers are taken in far more often than all of them are looked at
         self._seen, self._described, self._turned = [0j] * BINS, [0j] * BINS, [1.0 + 0j] * BINS
-        self._count = [0] * BINS
+        self._count, self._apart = [0] * BINS, [0.0] * BINS
         self._last = -1
         self.covered = self.unresolved = 0.0
 
@@ -206,10 +207,20 @@ class FigureCheck:
         """Take in what is seen and described (x, y) at a rotation (rad); give whether an angle is new."""
         return self.extend([theta], [complex(*seen)], [complex(*described)])
 
-    def extend(self, thetas: Iterable[float], seen: Iterable[complex], described: Iterable[complex]) -> bool:
-        """The same at one rotation after another, of vectors `x + 1j * y`."""
+    def extend(
+        self,
+        thetas: Iterable[float],
+        seen: Iterable[complex],
+        described: Iterable[complex],
+        apart: Iterable[float] | None = None,
+    ) -> bool:
+        """The same at one rotation after another, of vectors `x + 1j * y`.
+
+        Each may be off by so much that is `apart` (m or rad) from noise, as by stamps where the rotor turns fast; what
+        that explains is no finding.
+        """
         any_new, counts = False, self._count
-        for theta, here, said in zip(thetas, seen, described, strict=True):
+        for theta, here, said, off in zip(thetas, seen, described, apart or repeat(0.0), strict=apart is not None):
             place = _place(theta)
             new = counts[place] == 0
             if place != self._last:
@@ -220,6 +231,7 @@ class FigureCheck:
             self._seen[place] += part * (here - self._seen[place])
             self._described[place] += part * (said - self._described[place])
             self._turned[place] = complex(math.cos(theta), math.sin(theta))
+            self._apart[place] = off
             if new:
                 self.covered, any_new = (BINS - counts.count(0)) / BINS, True
         return any_new
@@ -232,7 +244,7 @@ class FigureCheck:
 
     def _take(self, other: FigureCheck) -> None:
         self._seen, self._described, self._turned = other._seen[:], other._described[:], other._turned[:]
-        self._count = other._count[:]
+        self._count, self._apart = other._count[:], other._apart[:]
 
     def mend(self, finding: Finding, before: FigureCheck) -> None:
         """Forget what a mistake explains better than the description; there counts what was seen `before`."""
@@ -241,7 +253,7 @@ class FigureCheck:
             fine = before._count[place] > 0 and not before._is_mistaken(place, finding)
             self._count[place] = before._count[place] if fine else 0
             self._seen[place], self._described[place] = before._seen[place], before._described[place]
-            self._turned[place] = before._turned[place]
+            self._turned[place], self._apart[place] = before._turned[place], before._apart[place]
         self.covered, self._last = (BINS - self._count.count(0)) / BINS, -1
 
     def _is_mistaken(self, place: int, finding: Finding) -> bool:
@@ -260,7 +272,8 @@ class FigureCheck:
         known = np.array([self._seen, self._described, self._turned])
         seen, described, turned = known if angles == BINS else known[:, np.array(self._count) > 0]
         left = seen - described
-        least = angles * self._noise**2
+        off = sum(apart**2 for apart, count in zip(self._apart, self._count, strict=True) if count)
+        least = angles * self._noise**2 + off
         total = max(_square(left), least)
         # not `mean`, which takes as long as all the rest of this
         vector = complex(np.add.reduce(left / turned) / angles) if angles >= FEWEST else 0j
@@ -281,7 +294,7 @@ class FigureCheck:
             self.unresolved = max(self.unresolved, difference * math.sqrt(_probability(odds)))
             if odds >= highest and explained >= LEAST_PART and difference > self._fixed:
                 best, highest = Finding(name, math.sqrt(total / angles), explained, shown), odds
-        return None if best is None or best.left < FINDING * self._noise else best
+        return None if best is None or best.left < FINDING * math.sqrt(least / angles) else best
 
     def _explain_nothing(self, seen: Array, described: Array, total: float) -> bool:
         """Whether no mistake has any probability beside a description that leaves a `total` sum of squares, for sure.

@@ -207,7 +207,11 @@ def head_variance(encoder: Encoder, gain: Array, travel: Array) -> Array:
     return reading_variance(encoder.noise, encoder.resolution, gain, travel)
 
 
-def tilt_variance(instrument: Autocollimator, gain: Array, travel: Array) -> Array:
-    """Variance of components of the resampled tilt, rad², of the shape of `travel`; turbulence is not averaged."""
+def tilt_variance(instrument: Autocollimator, gain: Array, travel: Array, bend: Array) -> Array:
+    """Variance of components of the resampled tilt, rad², of the shape of `travel`; turbulence is not averaged.
+
+    What turns with the rotor may turn by a large part of a turn between two samples: what interpolation cannot follow
+    of it is told by the third differences, `bend`, as of `bend_variance`.
+    """
     slow = 0.0 if instrument.turbulence is None else instrument.turbulence.std**2
-    return reading_variance(instrument.noise, instrument.resolution, gain, travel) + slow
+    return reading_variance(instrument.noise, instrument.resolution, gain, travel) + (BEND * bend**2 + slow)

@@ -111,7 +111,7 @@ def record_shaft(stage: StageDescription, heads: Mapping[str, Stream], tilt: Str
         return shaft
     instrument, mirror = stage.tilt_instrument, sampled[-1]
     saturated = check_saturation(tilt[1], instrument, stage.response("autocollimator"))
-    spread = [tilt_variance(instrument, mirror.gain, mirror.travel[:, k])[valid] for k in range(2)]
+    spread = [tilt_variance(instrument, mirror.gain, mirror.travel[:, k], mirror.bend[:, k])[valid] for k in range(2)]
     usable = ~_near_saturated(tilt, ticks[valid], period, saturated)
     return replace(shaft, tilt=mirror.values[valid], tilt_variances=np.stack(spread, axis=1), tilt_valid=usable)
 

@@ -20,6 +20,9 @@ the one that is described."""
 MORE = 1.0 + 1e-9
 """By which a sum over some windows must be beyond a limit if that over all is to be for sure: both are rounded."""
 
+SIGMAS = 6.0
+"""Standard deviations of stamps that are never apart by more."""
+
 TURN_ORDERS = 3
 """Orders of the rotation beside which the ring's way over the speed is seen: eccentricity, and what a rotor that swings
 to and fro over the same angles makes alike with its speed. Higher ones are small in a bearing."""
@@ -43,6 +46,7 @@ class RingBelief:
         """Judge of the ring of a stage."""
         encoder = stage.encoder or ABSENT
         self._limit, self._radius = stage.limits.radial, encoder.disc_radius
+        self._fastest, self._timing = stage.limits.speed, stage.timing("encoder")
         noise = math.hypot(encoder.noise, encoder.resolution / math.sqrt(12.0)) * encoder.disc_radius
         self._noise = noise
         stated = stage.uncertainty.get("encoder.eccentricity")
@@ -61,10 +65,16 @@ class RingBelief:
         self.figure.forget()
         self.late = 0.0
         self._last: tuple[int, float] | None = None  # number and rotation of the last window
+        self._speed = self._fastest
         self._slope = SpeedSlope(10 * LONG, 2, TURN_ORDERS)
         self._agreeing = 0.0
         self._agreement: deque[float] = deque(maxlen=LONG)
         self._turned: deque[float] = deque(maxlen=LONG)
+
+    @property
+    def _apart_by_stamps(self) -> float:
+        """What stamps of heads that are apart make at the present speed of a displacement that is none, m, at most."""
+        return SIGMAS * self._timing * self._speed * self._radius
 
     @property
     def apart(self) -> float:
@@ -92,7 +102,8 @@ class RingBelief:
         self._measure(window.number, window.duration, window.mean.theta, *window.pair("surplus"))
         wrong = self._beyond(window)
         if not wrong and window.has("radial"):
-            new = self._add([window.mean.theta], [window.vector("centre")], [window.vector("surplus")])
+            place = [window.mean.theta], [window.vector("centre")], [window.vector("surplus")]
+            new = self._add(*place, [self._apart_by_stamps])
             wrong = self._misread(window, new) or self._too_quiet(window)
         if wrong:
             self.doubt, self._agreeing = wrong, 0.0
@@ -121,11 +132,12 @@ class RingBelief:
 
     def take_in(self, windows: Windows) -> list[float]:
         """Take in windows that are calm, as `judge` does; give `late` after each."""
-        mean, duration, late = windows.mean, windows.duration, list[float]()
+        mean, duration, late, apart = windows.mean, windows.duration, list[float](), list[float]()
         for number, theta, x, y in zip(windows.numbers, mean.theta, mean.surplus_x, mean.surplus_y, strict=True):
             self._measure(number, duration, theta, x, y)
             late.append(self.late)
-        self._add(mean.theta, windows.vectors("centre"), windows.vectors("surplus"))
+            apart.append(self._apart_by_stamps)
+        self._add(mean.theta, windows.vectors("centre"), windows.vectors("surplus"), apart)
         wrong = self._misread(windows.last, new=False)
         if wrong:
             self.doubt, self._agreeing = wrong, 0.0
@@ -137,10 +149,11 @@ class RingBelief:
     def _beyond(self, window: Window) -> str:
         mean = window.mean
         motion = _motion(mean.surplus_x, mean.surplus_y, mean.described_x, mean.described_y)
-        if motion <= self._limit:
+        most = self._limit + self._apart_by_stamps
+        if motion <= most:
             return ""
         return (
-            f"{_BEYOND} of {motion * 1e6:.3g} µm; the stage's is {self._limit * 1e6:.3g} at most. "
+            f"{_BEYOND} of {motion * 1e6:.3g} µm; the stage's is {most * 1e6:.3g} at most. "
             "Eccentricity, radius of the ring or places of the heads are not as described"
         )
 
@@ -148,12 +161,13 @@ class RingBelief:
         """The part of the displacement that goes with the speed."""
         last, self._last = self._last, (number, theta)
         if last is None or last[0] != number - 1:
+            self._speed = self._fastest
             return
-        speed = (theta - last[1]) / duration
+        self._speed = abs(theta - last[1]) / duration
         self._slope.add(number, theta, x, y)
         if number % SHORT == 0 and len(self._slope) >= SHORT:
             self._slope.measure(duration)
-        self.late = abs(speed) * self._slope.length
+        self.late = self._speed * self._slope.length
 
     def _misread(self, window: Window, new: bool) -> str:
         """What the figure shows where its angle is new, and now and then."""
@@ -164,9 +178,15 @@ class RingBelief:
             return ""
         return f"{_MISREAD}: {found.mistake} ({found.explained:.0%} of {found.left * 1e6:.3g} µm that is unexplained)"
 
-    def _add(self, thetas: Sequence[float], centres: Sequence[complex], surplus: Sequence[complex]) -> bool:
+    def _add(
+        self,
+        thetas: Sequence[float],
+        centres: Sequence[complex],
+        surplus: Sequence[complex],
+        apart: Sequence[float],
+    ) -> bool:
         """Add to the figure where the centre is seen; give whether an angle is new."""
-        return self.figure.extend(thetas, centres, map(sub, centres, surplus))
+        return self.figure.extend(thetas, centres, map(sub, centres, surplus), apart)
 
     def _too_quiet(self, window: Window) -> str:
         """Heads that move and yet scatter far less than the described noise."""

@@ -249,7 +249,7 @@ class TickMaker:
         stage = self._stage
         tilt = remove_mirror(sampled.values, theta, stage.mirror)
         surplus = tilt - planar_sum(stage.spindle.tilt, theta)
-        variance = tilt_variance(stage.tilt_instrument, sampled.gain[:, None], sampled.travel)
+        variance = tilt_variance(stage.tilt_instrument, sampled.gain[:, None], sampled.travel, sampled.bend)
         return TiltParts(sampled.values, tilt, surplus, variance, min(1.0, rate * self._period))
 
 

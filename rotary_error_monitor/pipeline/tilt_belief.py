@@ -71,13 +71,13 @@ class TiltBelief:
         self.doubt = ""
         self.scale = self._noise_scale = 1.0
         # of the window that is judged: what it shows, and what turbulence makes of its mean, rad
-        self._here, self._drifted = Look(0, 0.0, (0.0, 0.0), (0.0, 0.0), 1.0, self._noise, math.inf), 0.0
+        self._here, self._drifted = Look(0, 0.0, (0.0, 0.0), (0.0, 0.0), 1.0, 1, self._noise, math.inf), 0.0
         self._excursion: tuple[int, float] | None = None
         self.reach = self._anywhere
         self.figure.forget()
         self._agreeing = self._size = self._near = self._farthest = 0.0
-        self._squares, self._within = Trailing(LONG), Trailing(LONG)
-        self._bounds_of: tuple[tuple[int, ...], float] | None = None  # counts of squares that `_bounds` hold for
+        self._squares, self._within = Trailing(_SPANS[-1]), Trailing(LONG)
+        self._bounds_of: tuple[tuple[int, ...], float, int] | None = None  # counts of squares that `_bounds` hold for
         self._bounds: list[float] = []
         self._recent: deque[tuple[float, float]] = deque(maxlen=SHORT)
         self._before: tuple[float, float] | None = None
@@ -177,8 +177,10 @@ class TiltBelief:
         samples: float,
         variance: float,
     ) -> Look:
+        apart = 1 if samples >= 1.0 else min(math.ceil(1.0 / max(samples, 1e-9)), SHORT // 2)
         samples = max(1.0, samples)
-        return Look(number, theta, reading, surplus, samples, self._noise / math.sqrt(samples), variance or math.inf)
+        stated = self._noise / math.sqrt(samples)
+        return Look(number, theta, reading, surplus, samples, apart, stated, variance or math.inf)
 
     def _settle(self, duration: float) -> None:
         """How sure the tilt is, and where it can be next."""
@@ -310,10 +312,10 @@ class TiltBelief:
 
         Beside them the `scatters` within, about a straight line, of so many independent readings.
         """
-        last, recent = self._last, list(self._recent)[-2:]
+        last, recent = self._last, list(self._recent)
         if self.doubt or last is None or looks[0].number != last.number + 1:
             recent = []
-        without = min(2 - len(recent), len(looks))  # the first windows have not two before them
+        without = min(max(0, 2 - len(recent)), len(looks))  # the first windows have not two before them
         among = self._among([*recent, *(look.surplus for look in looks)], looks[without:])
         within = list[float]()
         for (x, y), look in zip(scatters[without:], looks[without:], strict=True):
@@ -321,37 +323,35 @@ class TiltBelief:
         ends = list(zip(self._squares.add(among, 2), self._within.add(within, 2), strict=True))
         before = self._squares.end - len(among), self._within.end - len(within)
         found, scale = [], self._noise_scale
-        for end, each in zip([before] * without + ends, inner, strict=True):
-            scale = self._noise_by(*end, each) if end[0] >= SHORT else scale
+        for look, end, each in zip(looks, [before] * without + ends, inner, strict=True):
+            scale = self._noise_by(*end, each, look.apart) if end[0] >= SHORT else scale
             found.append(scale)
         return found
 
     def _among(self, course: Sequence[tuple[float, float]], looks: Sequence[Look]) -> list[float]:
-        """Squares of both components of windows about their neighbours over what the stated noise makes of them."""
-        squares, slow = list[float](), self._drifted**2
-        for (x, y), (x1, y1), (x2, y2), look in zip(course, course[1:], course[2:], looks, strict=False):
-            variance = 1.5 * look.stated**2 + slow
+        """Squares of both components of the last windows about earlier ones over what the stated noise makes of them.
+
+        Where readings are further apart than windows, neighbours show the same one: what the rotor does between two
+        readings, which nobody sees, shows only in windows that are as far apart.
+        """
+        squares = list[float]()
+        for place, look in enumerate(looks, start=len(course) - len(looks)):
+            apart = min(look.apart, place // 2)
+            (x, y), (x1, y1), (x2, y2) = course[place - 2 * apart], course[place - apart], course[place]
+            variance = 1.5 * look.stated**2 + apart * self._drifted**2
             squares += min((x1 - 0.5 * (x + x2)) ** 2 / variance, 1e6), min((y1 - 0.5 * (y + y2)) ** 2 / variance, 1e6)
         return squares
 
-    def _noise_by(self, end: int, end_within: int, each: float) -> float:
+    def _noise_by(self, end: int, end_within: int, each: float, apart: int) -> float:
         """By how much noise is more than is stated, by squares among windows and within up to places."""
         among, within = self._squares, self._within
-        spans = among.count(end, SHORT), among.count(end, LONG)
-        counts = 2, *spans, within.count(end_within, 2 * SHORT), within.count(end_within, LONG)
-        if (counts, each) != self._bounds_of:
-            self._bounds_of, self._bounds = (counts, each), bounds_of(counts, each)
-        last, few, many, few_within, many_within = self._bounds
-        return math.sqrt(
-            max(
-                1.0,
-                among.mean(end, 2) / last,
-                among.excess(end, SHORT, few),
-                among.excess(end, LONG, many),
-                within.excess(end_within, 2 * SHORT, few_within),
-                within.excess(end_within, LONG, many_within),
-            )
-        )
+        spans = [(among, end, span) for span in _SPANS] + [(within, end_within, span) for span in (2 * SHORT, LONG)]
+        counts = 2, *(scatter.count(place, span) for scatter, place, span in spans)
+        if (counts, each, apart) != self._bounds_of:
+            self._bounds_of, self._bounds = (counts, each, apart), bounds_of(counts, len(_SPANS), each, apart)
+        last, *bounds = self._bounds
+        found = [one.significant(place, span, most) for (one, place, span), most in zip(spans, bounds, strict=True)]
+        return math.sqrt(max(among.mean(end, 2) / last, *found))
 
     @property
     def _deviation(self) -> float:
@@ -391,5 +391,8 @@ class TiltBelief:
                 return False
         return None
 
+
+_SPANS = SHORT, LONG, 10 * LONG
+"""Squares among windows of which a mean tells the noise: the more, the less of it chance can make."""
 
 _MISREAD = "it does not fit its description"

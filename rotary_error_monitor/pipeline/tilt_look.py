@@ -16,6 +16,7 @@ class Look(NamedTuple):
         theta: mean rotation, rad.
         reading, surplus: what is read, and what of it is not described, rad.
         samples: independent ones in the window, one at least.
+        apart: windows from one that shows a reading of its own to the next.
         stated: standard deviation of a mean by the stated noise, rad.
         variance: of a tick, rad²; infinite where none is stated.
     """
@@ -25,16 +26,20 @@ class Look(NamedTuple):
     reading: tuple[float, float]
     surplus: tuple[float, float]
     samples: float
+    apart: int
     stated: float
     variance: float
 
 
-def bounds_of(counts: Sequence[int], each: float) -> list[float]:
-    """Bounds on the mean of so many squares: three times among windows, then within them, with `each` independent."""
-    # neighbours share windows, which leaves about half of them independent
-    among = [0.5 * count for count in counts[:3]]
-    # as many independent ones as there are samples, of which a straight line takes two
-    return [chi_square_bound(freedom) for freedom in (*among, *(max(1, round(each * count)) for count in counts[3:]))]
+def bounds_of(counts: Sequence[int], spans: int, each: float, apart: int) -> list[float]:
+    """Bounds on means of so many squares: the first and those of so many `spans` among windows, the others within.
+
+    Within windows, of which a straight line takes two, there are `each` independent readings; among them only one of
+    so many that are `apart` shows a reading of its own, and neighbours share windows, which leaves about half.
+    """
+    among = [0.5 * count / apart for count in counts[: 1 + spans]]
+    within = [max(1, round(each * count)) for count in counts[1 + spans :]]
+    return [chi_square_bound(freedom) for freedom in (*among, *within)]
 
 
 def mean_of(pairs: list[tuple[float, float]]) -> tuple[float, float]:

@@ -64,6 +64,14 @@ class Trailing:
         about, most = self._about(end, span)
         return self.mean(end, span) / bound if about + most >= bound else 1.0
 
+    def significant(self, end: int, span: int, bound: float) -> float:
+        """The mean where it is beyond a bound that chance does not pass; else one."""
+        about, most = self._about(end, span)
+        if about + most < bound:
+            return 1.0
+        mean = self.mean(end, span)
+        return mean if mean > bound else 1.0
+
     def larger_mean(self, end: int, spans: tuple[int, int]) -> float:
         """The larger of the means over two spans."""
         (one, off), (other, off_too) = (self._about(end, span) for span in spans)

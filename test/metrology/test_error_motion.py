@@ -74,8 +74,8 @@ def test_variance_of_a_rounded_reading(speed):
 def test_turbulence_is_not_averaged():
     still = Autocollimator(5e-4, 5e-7, 5e-7)
     restless = Autocollimator(5e-4, 5e-7, 5e-7, Turbulence(4e-7, 0.3))
-    gain, travel = np.array([0.05]), np.array([1e-6])
-    extra = motion.tilt_variance(restless, gain, travel) - motion.tilt_variance(still, gain, travel)
+    shape = np.array([0.05]), np.array([1e-6]), np.array([1e-6])
+    extra = motion.tilt_variance(restless, *shape) - motion.tilt_variance(still, *shape)
     np.testing.assert_allclose(extra, (4e-7) ** 2)
 
 
