@@ -24,6 +24,9 @@ STEADY = 0.25
 RETURNED = 0.3
 """Part of a step, or of what a delay makes, within which the distance counts as back where it was."""
 
+SIGMAS = 6.0
+"""Standard deviations within which what cannot be told counts as uncertainty."""
+
 STANDS = 1e-3
 """Part of the way that it should have gone by which a command has gone at most if it stands."""
 
@@ -61,7 +64,7 @@ class CommandBelief:
         self.reach = self._anywhere
         self._agreeing = 0.0
         self._size = 0.0
-        self._before: float | None = None
+        self._before: tuple[float, float] | None = None  # distance and speed just before a step, rad and rad/s
         self._squares = Trailing(LONG)
         self._within = Trailing(LONG)
         self._variances: tuple[float, float] | None = None  # by those two, of enough windows
@@ -72,6 +75,7 @@ class CommandBelief:
         self._distances: list[float] = []  # of the last two windows
         self._slope = SpeedSlope(10 * LONG)
         self._usual = UsualLevel()
+        self._hidden = self._limits.latency  # by how much the delay may be another than is seen, s
         self._delays: deque[float] = deque(maxlen=10 * LONG // SHORT)  # of as long a time
 
     def retract(self, *, doubt: bool) -> None:
@@ -91,7 +95,13 @@ class CommandBelief:
     def note_silence(self, number: int) -> None:
         """The heads were silent up to the window of that number: what comes is held against what was before."""
         self._zero.begin(sound=True)
+        if self._last is not None:
+            self._note_hidden(self._last.duration)
+        self._slope.forget()  # a step of the zero in between would pass for a delay
         self.lag = max(self.lag, self._largest_speed(number) * math.hypot(self.delay, self._timing))
+
+    def _note_hidden(self, duration: float) -> None:
+        self._hidden = min(self._hidden, self._slope.unseen(duration))
 
     def agrees(self, window: Window) -> bool:
         """Whether the window that was judged last has shown that rotation and command belong together."""
@@ -103,9 +113,10 @@ class CommandBelief:
         self.reach = self._anywhere
         if not _tells(window) or last is None or window.number != last.number + 1:
             self._agreeing = 0.0
+            self._distances.clear()
             self.lag = self._lag_at(self._speed_of(window, last), self._scatter(window))
-            if not self._zero.open:
-                self._zero.begin(sound=False)
+            if not self._zero.open:  # a window that lacks some ticks tells nothing against those before it
+                self._zero.begin(sound=last is not None and window.number == last.number + 1)
             return
         self._compared = window.number
         speed = self._speed_of(window, last)
@@ -122,19 +133,29 @@ class CommandBelief:
         usual = bool(self.doubt) and self._is_usual(window.mean.ecc, speed)
         wrong = wrong or ("" if usual else late)
         if wrong and not self.doubt:
-            self._before = (window.mean.ecc - self._zero.latest if self._zero.open else last.mean.ecc) if step else None
+            apart = window.mean.ecc - self._zero.latest if self._zero.open else last.mean.ecc
+            self._before = (apart, speed if self._zero.open else self._speed) if step else None
             self._size = self._size if step else 0.0
+            self._note_hidden(window.duration)
         if wrong:
             self.doubt, self._agreeing = self.doubt if self.doubt and step else wrong, 0.0
         elif self.doubt:
             # after a step only the return to what was before it tells that it is over
-            back = usual or self._before is None or abs(window.mean.ecc - self._before) <= RETURNED * self._size
+            back = usual or self._is_back(window.mean.ecc, speed)
             self._agreeing = self._agreeing + window.duration if back else 0.0
             if self._agreeing >= AGREEMENT:
                 self._believe_again(usual, late)
-        elif last.tells_rotation:
-            self._usual.add((window.mean.ecc + self.delay * speed, 0.0))
+        elif last.tells_rotation and not self._zero.open:
+            self._usual.add((window.mean.ecc + self.delay * speed, speed))
         self._settle(speed, self._scatter(window), window.mean.ecc, window.duration)
+
+    def _is_back(self, distance: float, speed: float) -> bool:
+        """Whether a distance is what it was before a step, as far as a delay leaves that to be told at this speed."""
+        if self._before is None:
+            return True
+        faster, near = speed - self._before[1], RETURNED * self._size
+        back = abs(distance - self._before[0] + self.delay * faster) <= near
+        return back and self._hidden * abs(faster) <= near
 
     def _believe_again(self, usual: bool, late: str) -> None:
         self.doubt = ""
@@ -157,7 +178,9 @@ class CommandBelief:
         """
         delay = self._usual_delay
         near = RETURNED * max(self._size, abs((self.delay - delay) * speed))
-        return self._usual.is_at((distance + delay * speed, 0.0), min(near, STEADY * self._limits.following_error))
+        near = min(near, STEADY * self._limits.following_error)
+        slower = near / self._hidden if self._hidden else math.inf
+        return self._usual.is_at((distance + delay * speed, speed), (near, slower))
 
     def foresee(self, windows: Windows) -> None:
         """Make ready for windows that are to be judged."""
@@ -186,7 +209,8 @@ class CommandBelief:
         if len(windows) > 1:
             self._told = windows.last, speeds[-1]
         for theta, turned, distance, speed in zip(thetas, moved, distances, speeds, strict=True):
-            self.shift = self._zero.judge(theta, turned, (distance, speed), self.delay, self._noise)
+            place = theta, turned, (distance, speed)
+            self.shift = self._zero.judge(*place, self.delay, self._noise, self._hidden)
         measured = self._measure(windows.first, thetas, distances, windows.scatter.ecc)
         samples = [max(1.0, windows.ticks * each) for each in windows.mean.head_samples]
         scatters = list(map(_deviation, measured, samples))
@@ -197,7 +221,7 @@ class CommandBelief:
                 if self.doubt:
                     self._before, self._agreeing, self._size = None, 0.0, 0.0
             if not self.doubt:
-                self._usual.add((distance + self.delay * speed, 0.0))
+                self._usual.add((distance + self.delay * speed, speed))
             self._settle(speed, scatter, distance, duration)
             found.append((self.lag, self.reach))
         return found
@@ -219,7 +243,8 @@ class CommandBelief:
         return speed
 
     def _lag_at(self, speed: float, scatter: float) -> float:
-        return math.hypot(speed * math.hypot(self.delay, self._timing), scatter, self.shift)
+        untold = self._zero.untold / SIGMAS
+        return math.hypot(speed * math.hypot(self.delay, self._timing), scatter, self.shift, untold)
 
     def _largest_speed(self, number: int) -> float:
         """How fast the stage may turn in a window by its number, rad/s: it may have accelerated since it was told."""
@@ -260,8 +285,10 @@ class CommandBelief:
     def _shift_in_silence(self, window: Window, last: Window, speed: float) -> float:
         theta, distance = window.mean.theta, window.mean.ecc
         if not (window.tells_rotation and last.tells_rotation):  # the speed is anything up to this one
-            return self._zero.judge(theta, 0.0, (distance, 0.0), self.delay, self._noise, abs(self.delay * speed))
-        return self._zero.judge(theta, theta - last.mean.theta, (distance, speed), self.delay, self._noise)
+            unknown = (abs(self.delay) + self._hidden) * abs(speed)
+            return self._zero.judge(theta, 0.0, (distance, 0.0), self.delay, self._noise, self._hidden, unknown)
+        place = theta, theta - last.mean.theta, (distance, speed)
+        return self._zero.judge(*place, self.delay, self._noise, self._hidden)
 
     def _scatter(self, window: Window) -> float:
         """Standard deviation of a single distance by the scatter of windows about their neighbours, or within, rad."""
@@ -310,6 +337,8 @@ class CommandBelief:
         """Renew the delay now and then, behind a window that was taken in; give why it is too much."""
         if window.number % SHORT == 0 and len(self._slope) >= SHORT:
             self._slope.measure(window.duration)
+            if self._zero.open:
+                self._note_hidden(window.duration)
             self.delay = -float(self._slope.value[0])
             if not self.doubt:
                 self._delays.append(self.delay)

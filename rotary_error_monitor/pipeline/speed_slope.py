@@ -133,13 +133,9 @@ class SpeedSlope:
         At a constant speed nothing is seen of it: what was seen before holds until it is contradicted.
         """
         self._make_room()
-        room = self._room[:, self._begin : self._end]
-        if not self.length and self._none and int(room[0, -1]) in self._none:
+        if not self.length and self._none and int(self._room[0, self._end - 1]) in self._none:
             return
-        number, rows = room[0, 1:-1], self._rows(room, duration)
-        if room[0, -1] - room[0, 0] != room.shape[1] - 1:  # some windows are missing
-            inner = np.flatnonzero(room[0, 2:] - room[0, :-2] == 2.0)
-            number, rows = number[inner], rows[:, inner]
+        number, rows = self._usable(duration)
         if len(number) < 2 * self._unknown:
             return
         if not self.length and self._shows_none(number, rows):
@@ -148,6 +144,26 @@ class SpeedSlope:
         unseen = np.where(np.abs(slope - self.value) > margin, 0.0, self.value)
         self.value = np.where(np.abs(slope) > margin, slope, unseen)
         self.length = math.sqrt(float(self.value @ self.value))
+
+    def unseen(self, duration: float) -> float:
+        """Length of a slope that the windows, of a duration (s), would not show; infinite where they are too few."""
+        self._make_room()
+        if self._end == self._begin:
+            return math.inf
+        number, rows = self._usable(duration)
+        if len(number) < 2 * self._unknown:
+            return math.inf
+        margin = self._regress(rows, *_trend(number))[1]
+        return math.sqrt(float(margin @ margin))
+
+    def _usable(self, duration: float) -> tuple[Array, Array]:
+        """Numbers (n,) and rows, as of `_rows`, of the windows that have both neighbours."""
+        room = self._room[:, self._begin : self._end]
+        number, rows = room[0, 1:-1], self._rows(room, duration)
+        if room[0, -1] - room[0, 0] != room.shape[1] - 1:  # some windows are missing
+            inner = np.flatnonzero(room[0, 2:] - room[0, :-2] == 2.0)
+            number, rows = number[inner], rows[:, inner]
+        return number, rows
 
     def _make_room(self) -> None:
         """Put new windows behind the others."""

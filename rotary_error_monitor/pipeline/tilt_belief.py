@@ -376,7 +376,8 @@ class TiltBelief:
         surplus, noise = self._here.surplus, SIGMAS * math.hypot(self._deviation, self._drifted)
         if distance(surplus, self._before or (0.0, 0.0)) <= self._near + noise:
             return True
-        return self._size > 0.0 and self._usual.is_at(surplus, STAYED * self._size + noise)
+        near = STAYED * self._size + noise
+        return self._size > 0.0 and self._usual.is_at(surplus, (near, near))
 
     def _fits_again(self) -> bool | None:
         """Whether the description explains this window, and what was found does not; None where nothing tells."""

@@ -20,8 +20,8 @@ class UsualLevel:
         """Take in a window that is believed."""
         self._places.append(place)
 
-    def is_at(self, place: Place, near: float) -> bool:
-        """Whether more than half of the windows, and no fewer than `SHORT`, were as near to a place."""
-        x, y = place
-        count = sum(abs(each[0] - x) <= near and abs(each[1] - y) <= near for each in self._places)
+    def is_at(self, place: Place, near: Place) -> bool:
+        """Whether more than half of the windows, and no fewer than `SHORT`, were as near to a place in both."""
+        (x, y), (width, height) = place, near
+        count = sum(abs(each[0] - x) <= width and abs(each[1] - y) <= height for each in self._places)
         return count >= SHORT and 2 * count > len(self._places)

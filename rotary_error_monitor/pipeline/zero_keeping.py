@@ -18,6 +18,7 @@ class ZeroKeeping:
     Attributes:
         open: whether it is being compared.
         off: by how much it is another since then, rad: mean over the windows of a second.
+        untold: by how much it may be another, rad, where another speed and a delay that was not seen leave that open.
     """
 
     def __init__(self) -> None:
@@ -26,7 +27,8 @@ class ZeroKeeping:
         self._place: tuple[float, float] | None = None
         self._latest: deque[tuple[float, float, tuple[float, float]]] = deque()
         self._apart: deque[float] = deque(maxlen=LONG)
-        self.open, self.off = False, 0.0
+        self.open, self.off, self.untold = False, 0.0, 0.0
+        self._told = False  # whether the latest window was compared at a speed that leaves nothing open
 
     def begin(self, *, sound: bool) -> None:
         """A silence has ended, or a fault of heads, of which the latest windows were not `sound`."""
@@ -48,6 +50,7 @@ class ZeroKeeping:
         distance: tuple[float, float],
         delay: float,
         noise: float,
+        hidden: float,
         unknown: float = 0.0,
     ) -> float:
         """Size of what it is off by, rad; of less than the `noise` (rad) of a reading for `SHORT` windows nothing.
@@ -58,17 +61,28 @@ class ZeroKeeping:
             distance: of rotation and command (rad), with the speed (rad/s).
             delay: of the heads against the command, s.
             noise: rad.
+            hidden: by how much that delay may be another, s.
             unknown: part of the distance, rad, that shows nothing, for the speed is not known.
         """
         before = (self._turn.get(theta, moved) or self._place) if self.open else None
+        self.untold = 0.0
         if before is not None:
-            apart = distance[0] - before[0] + delay * (distance[1] - before[1])
-            if not unknown or abs(apart) > unknown:
-                self._apart.append(apart - math.copysign(unknown, apart))
-                self.off = sum(self._apart) / len(self._apart)
-            self.open = len(self._apart) < SHORT or abs(self.off) > noise
+            faster = distance[1] - before[1]
+            apart, open_to = distance[0] - before[0] + delay * faster, unknown + hidden * abs(faster)
+            before_told, self._told = self._told, not unknown and open_to <= noise
+            if self._told:
+                if not before_told:
+                    self._apart.clear()
+                self._apart.append(apart)
+            else:
+                self.untold = abs(apart) + open_to
+                if abs(apart) > open_to:
+                    self._apart.append(apart - math.copysign(open_to, apart))
+            self.off = sum(self._apart) / len(self._apart) if self._apart else 0.0
+            # what is only compatible with no change leaves it open
+            self.open = not self._told or len(self._apart) < SHORT or abs(self.off) > noise
         if not self.open:
-            self.off = 0.0
+            self.off = self.untold = 0.0
             if not unknown:
                 self._latest.append((theta, moved, distance))
             if len(self._latest) > LONG:  # a wrong head is found by then

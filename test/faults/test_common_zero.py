@@ -24,6 +24,9 @@ def some(place: int) -> range:
 
 
 DURATION, BEGIN, GAP = 10.0, 5.0, 0.2
+EARLIEST = 0.7
+"""Time of a silence, s, from which on a recording shows enough of what was before it."""
+
 MOTIONS = ("steady", "both_directions", "s_curves", "creep", "indexing")
 
 
@@ -32,20 +35,21 @@ def recorded(seed: int) -> Recording:
     """A random stage with three heads or more."""
     drawn = (random_stage(number) for number in range(1000 * seed, 1000 * seed + 1000))
     stage = next(each for each in drawn if len(each["encoder"]["heads"]) > 2)
-    options = Options(motion=MOTIONS[seed % len(MOTIONS)], odd_rates=False)
+    lag = float(np.random.default_rng([seed, 9]).uniform(0.0, 2.5e-4))  # of a drive that nobody has told before
+    options = Options(motion=MOTIONS[seed % len(MOTIONS)], odd_rates=False, drive_lag=lag)
     return make_recording(seed, duration=DURATION, stage=stage, options=options)
 
 
 @cache
-def judged(seed: int, off: float, gap: float = GAP, until: float = np.inf) -> Judgement:
-    """All heads are silent for a time (s) and off by an angle (rad) after it, until some time (s)."""
+def judged(seed: int, off: float, gap: float = GAP, until: float = np.inf, begin: float = BEGIN) -> Judgement:
+    """All heads are silent for a time (s) and off by an angle (rad) after it, from one time to another (s)."""
     recording, changed = recorded(seed), {}
     for topic in recording.head_topics:
         pairs = []
         for block, arrival in zip(recording.blocks[topic], recording.arrivals[topic], strict=True):
             seconds = (block.times_ns - recording.start_ns) * 1e-9
-            if seconds[-1] < BEGIN or seconds[0] >= BEGIN + gap or gap == 0.0:
-                wrong = (seconds >= BEGIN + gap) & (seconds < until)
+            if seconds[-1] < begin or seconds[0] >= begin + gap or gap == 0.0:
+                wrong = (seconds >= begin + gap) & (seconds < until)
                 rows = block.rows + np.column_stack([np.zeros(len(wrong)), off * wrong])
                 pairs.append((SampleBlock(block.stamp_ns, block.names, rows), arrival))
         changed[topic] = ([block for block, _ in pairs], np.array([arrival for _, arrival in pairs]))
@@ -73,10 +77,11 @@ def sound(seed: int) -> Judgement:
 @pytest.mark.parametrize(("place", "off"), list(enumerate([2e-5, -6e-5, 3e-4, -4e-4])))
 def test_counts_that_all_heads_lost_in_a_silence_are_not_believed(place, off):
     seeds = some(place)
-    found = {seed: judged(seed, off) for seed in seeds}
+    begins = {seed: float(np.random.default_rng([seed, place]).uniform(EARLIEST, BEGIN)) for seed in seeds}
+    found = {seed: judged(seed, off, begin=begins[seed]) for seed in seeds}
     wrong = {seed: (dict(each.wrong), each.doubted) for seed, each in found.items() if each.worst > MOST_WRONG}
     assert not wrong
-    healthy = {seed: judged(seed, 0.0) for seed in seeds}
+    healthy = {seed: judged(seed, 0.0, begin=begins[seed]) for seed in seeds}
     for name in ("exc", "eac"):
         lost = [healthy[seed].available[name] - found[seed].available[name] for seed in seeds]
         assert max(lost) < 0.05 + GAP / DURATION, (name, lost)
@@ -84,7 +89,8 @@ def test_counts_that_all_heads_lost_in_a_silence_are_not_believed(place, off):
 
 def test_a_silence_without_loss_costs_nothing_but_itself():
     for seed in some(0):
-        found, without = judged(seed, 0.0), sound(seed)
+        begin = float(np.random.default_rng(seed).uniform(EARLIEST, BEGIN))
+        found, without = judged(seed, 0.0, begin=begin), sound(seed)
         assert not found.doubted and found.worst <= MOST_WRONG
         assert found.available["ecc"] > without.available["ecc"] - (GAP + 0.4) / DURATION
         # what remains of it is no more than the rotor's own jitter about its command

@@ -77,18 +77,19 @@ def test_the_usual_level_is_that_of_most_windows(seed):
         level.add(tuple(usual + draw.uniform(-0.01, 0.01, 2)))
     for _ in range(int(draw.integers(50, 300))):
         level.add(tuple(other))
-    assert level.is_at(tuple(usual), 0.011)
-    assert not level.is_at(tuple(other), 0.5 * float(np.abs(usual - other).max()))
+    assert level.is_at(tuple(usual), (0.011, 0.011))
+    near = 0.5 * float(np.abs(usual - other).max())
+    assert not level.is_at(tuple(other), (near, near))
     for _ in range(1000):  # ten seconds later it is the other one
         level.add(tuple(other))
-    assert level.is_at(tuple(other), 1e-9)
+    assert level.is_at(tuple(other), (1e-9, 1e-9))
 
 
 def test_a_few_windows_make_no_usual_level():
     level = UsualLevel()
     for _ in range(9):
         level.add((0.0, 0.0))
-    assert not level.is_at((0.0, 0.0), 1.0)
+    assert not level.is_at((0.0, 0.0), (1.0, 1.0))
 
 
 @pytest.mark.parametrize("seed", range(10))
