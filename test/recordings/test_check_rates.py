@@ -11,6 +11,7 @@ from world import Options, Recording, make_recording, random_stage
 
 from rotary_error_monitor.bags.writer import write_messages
 from rotary_error_monitor.cli import main
+from rotary_error_monitor.signals.blocks import SampleBlock
 
 MOTIONS = ("both_directions", "s_curves", "steady", "indexing")
 AUTOCOLLIMATOR = "uncertainty of the autocollimator, times that of its noise"
@@ -42,3 +43,19 @@ def test_healthy_stages_are_not_contradicted(tmp_path: Path, capsys: pytest.Capt
         if "The recording contradicts" in said or scale_of(said) > 1.5:
             wrong[seed] = said
     assert not wrong
+
+
+@pytest.mark.parametrize("command", ["check", "commission"])
+def test_an_autocollimator_with_one_axis_is_named(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recording = make_recording(1, duration=0.5, stage=random_stage(1), options=Options(motion="steady"))
+    topic = "/stage/autocollimator/samples"
+    one = [SampleBlock(each.stamp_ns, each.names[:2], each.rows[:, :2]) for each in recording.blocks[topic]]
+    write_messages(tmp_path / "bag", {**recording.blocks, topic: one})
+    path = tmp_path / "stage.yaml"
+    path.write_text(yaml.safe_dump({"stage": recording.stage}, sort_keys=False), encoding="utf-8")
+    output = ["-o", str(tmp_path / "out.yaml")] if command == "commission" else []
+    assert main([command, "--stage", str(path), str(tmp_path / "bag"), *output]) == 2
+    expected = "autocollimator: a sample block holds t, tilt_x, but no field 'tilt_y'; expected t, tilt_x, tilt_y"
+    assert expected in capsys.readouterr().err
