@@ -211,8 +211,8 @@ def volumetric_table(machine: MachineDescription, counts: Mapping[str, int]) -> 
     """A table of axis corrections over a grid of axes, as CSV: positions, then what each axis is to add.
 
     Columns X_mm … C_deg …, then dX_um … dC_arcsec …; the first axis changes slowest. `counts` has the number of grid
-    points by axis letter; the other axes are held in the middle of their travel. Corrections are those of the exact
-    model: they put the tool where the ideal machine has it.
+    points by axis letter; the other axes stand at 0, or at the end of their travel that is nearest to 0. Corrections
+    are those of the exact model: they put the tool where the ideal machine has it.
 
     Raises:
         InputError: no grid axis, one that the machine lacks, fewer than two points, more than `MOST_POINTS` in all, or
@@ -223,8 +223,7 @@ def volumetric_table(machine: MachineDescription, counts: Mapping[str, int]) -> 
     if (points := math.prod(counts.values())) > MOST_POINTS:
         raise InputError(f"a grid of {points:.7g} points; at most {MOST_POINTS} are solved, give fewer along an axis")
     lines = {letter: np.linspace(*machine.axis(letter).travel, count) for letter, count in counts.items()}
-    middle = {axis.letter: np.array([0.5 * sum(axis.travel)]) for axis in machine.axes}
-    grids = np.meshgrid(*(lines.get(letter, middle[letter]) for letter in machine.letters), indexing="ij")
+    grids = np.meshgrid(*(lines.get(axis.letter, np.array([axis.home])) for axis in machine.axes), indexing="ij")
     positions = np.stack([grid.ravel() for grid in grids], axis=1)
     result = solve_axis_corrections(arrange_machine(machine), positions)
     if not result.converged.all():

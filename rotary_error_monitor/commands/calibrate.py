@@ -38,6 +38,7 @@ from rotary_error_monitor.commands.calibration_arguments import (
     writing,
 )
 from rotary_error_monitor.commands.values import (
+    HELD,
     count_of,
     limits_of,
     not_negative,
@@ -121,7 +122,7 @@ def _add_tables(steps: Subparsers[argparse.ArgumentParser]) -> None:
     parser.add_argument("-o", "--output", type=Path, required=True)
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument("--axis", help="COMP_FILE of this axis")
-    what.add_argument("--grid", nargs="+", metavar="X=5", help="volumetric table: points by axis; others at mid-travel")
+    what.add_argument("--grid", nargs="+", metavar="X=5", help=f"volumetric table: points by axis; {HELD}")
     parser.add_argument("--type", type=int, choices=(0, 1), default=0, help="COMP_FILE_TYPE (default 0)")
     parser.add_argument(
         "--against", type=Path, metavar="OLD.comp", help="say how far the COMP_FILE is from this one, of the same type"
@@ -134,7 +135,9 @@ def _add_errors(steps: Subparsers[argparse.ArgumentParser]) -> None:
     parser = steps.add_parser("errors", help="what matters most: which error costs how much in the working volume")
     parser.add_argument("machine", metavar="MACHINE", help="machine YAML, or the name of one that ships")
     parser.add_argument("--limits", nargs="*", default=[], metavar="X=LOW,HIGH", help="working volume, mm or degrees")
-    parser.add_argument("--map", nargs=2, metavar=("X", "Z"), help="axes of the map (default: the first two)")
+    parser.add_argument(
+        "--map", nargs=2, metavar=("X", "Z"), help="axes of the map (default: the first two); others at mid-travel"
+    )
     parser.add_argument(
         "--uncertainty", type=int, metavar="POSES", help="what the description's uncertainty leaves at so many poses"
     )

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rotary_error_monitor.commands.values import files_of, finite, number_of, split_word
+from rotary_error_monitor.commands.values import HELD, files_of, finite, number_of, split_word
 from rotary_error_monitor.description.machine import MachineDescription, load_machine, machine_path
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.files import check_outputs, check_places, write_all
@@ -37,7 +37,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     )
     parser.add_argument("machine", metavar="MACHINE", help="machine YAML, or the name of one that ships")
     where = parser.add_mutually_exclusive_group(required=True)
-    where.add_argument("--at", nargs="+", metavar="X=100", help="one pose, mm or degrees; axes not named stand at 0")
+    where.add_argument("--at", nargs="+", metavar="X=100", help=f"one pose, mm or degrees; {HELD}")
     where.add_argument(
         "--program", type=Path, metavar="POSES.csv", help="poses, a row each: X_mm,…,C_deg,… and X_direction,… if known"
     )
@@ -106,7 +106,7 @@ def _poses(arguments: argparse.Namespace, machine: MachineDescription) -> Poses:
 
     if arguments.program:
         return read_poses(arguments.program, machine)
-    position, direction = dict.fromkeys(machine.letters, 0.0), dict.fromkeys(machine.letters, 0.0)
+    position, direction = {axis.letter: axis.home for axis in machine.axes}, dict.fromkeys(machine.letters, 0.0)
     for words in (arguments.at, arguments.direction):
         named = [split_word(word)[0] for word in words]
         if twice := [name for name in named if named.count(name) > 1]:

@@ -14,6 +14,9 @@ from rotary_error_monitor.errors import InputError, one_line
 from rotary_error_monitor.pipeline.estimator_settings import EstimatorSettings, max_gap_of
 from rotary_error_monitor.recordings.formats import outputs_of
 
+HELD = "axes not named stand at 0, or at the end of their travel nearest to it"
+"""Where the axes of a pose or grid are that the words do not name, for the help: `Axis.home`."""
+
 
 def positive(text: str) -> float:
     """A number above zero, as an argument's type."""

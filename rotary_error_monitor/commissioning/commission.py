@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rotary_error_monitor.commissioning.command import COMMAND, fit_command
-from rotary_error_monitor.commissioning.findings import Finding, findings_of
+from rotary_error_monitor.commissioning.findings import Finding, findings_of, noise_and_step
 from rotary_error_monitor.commissioning.found import Found, Shown, Stated, known_hand, origin_of, parameters
 from rotary_error_monitor.commissioning.heads import Angles, angles_of, head_response
 from rotary_error_monitor.commissioning.layouts import Signs, Weighed, alternatives, weigh_layouts
@@ -86,14 +86,14 @@ def commission(stage: StageDescription, stated: Stated, recorded: Recorded) -> C
     check_counted(stage, COMMAND in recorded.streams or bool({*stated.zeros} - {COMMAND}))
     angular = [f"head_{letter}" for letter in stage.azimuths] + ([COMMAND] if COMMAND in recorded.streams else [])
     angles = angles_of(stage, {name: recorded.streams[name] for name in angular})
-    figures = _figures(recorded, angles)
+    figures = _figures(stage, recorded, angles)
     heads = head_response(stage, angles)
     command = fit_command(stage, angles, heads) if COMMAND in recorded.streams else None
     tilt, tilt_unit = None, None
     if stage.autocollimator is not None and AUTOCOLLIMATOR in recorded.streams:
         stream, tilt_unit = _in_radians(stage, recorded.streams[AUTOCOLLIMATOR], figures[AUTOCOLLIMATOR])
         if tilt_unit is not None:
-            figures[AUTOCOLLIMATOR] = describe_stream(stream, is_angle=False)
+            figures[AUTOCOLLIMATOR] = _figures_of(stage, AUTOCOLLIMATOR, stream, is_angle=False)
         plain = replace(stage, responses={})
         # that is calibrated by itself: no rotation tells it from what the rotor does
         stream = replace(stream, values=stage.response(AUTOCOLLIMATOR).undistorted(stream.values))
@@ -130,15 +130,20 @@ def _with_curve(stage: StageDescription, stated: Stated, shown: Shown, prior: Ri
     }
 
 
-def _figures(recorded: Recorded, angles: Angles) -> dict[str, StreamFigures]:
+def _figures(stage: StageDescription, recorded: Recorded, angles: Angles) -> dict[str, StreamFigures]:
     """Figures of all streams, those of angles in rad and without the wraps of a driver."""
     found = {}
     for name, stream in recorded.streams.items():
         if name in angles.streams:
-            found[name] = describe_stream(replace(stream, values=angles.streams[name][1]), is_angle=True)
+            found[name] = _figures_of(stage, name, replace(stream, values=angles.streams[name][1]), is_angle=True)
         elif len(stream.times_ns) > 1:
-            found[name] = describe_stream(stream, is_angle=False)
+            found[name] = _figures_of(stage, name, stream, is_angle=False)
     return found
+
+
+def _figures_of(stage: StageDescription, name: str, stream: Stream, *, is_angle: bool) -> StreamFigures:
+    noise, step = noise_and_step(stage, name)
+    return describe_stream(stream, is_angle=is_angle, noise=noise, step=step)
 
 
 def check_azimuths(stage: StageDescription) -> None:

@@ -162,12 +162,18 @@ def is_louder(stage: StageDescription, stream: str, figures: StreamFigures) -> b
 
 def described_noise(stage: StageDescription, stream: str) -> float:
     """Standard deviation of a reading with its rounding, rad, as described; 0 where nothing is."""
+    noise, step = noise_and_step(stage, stream)
+    return math.hypot(noise, step / math.sqrt(12))
+
+
+def noise_and_step(stage: StageDescription, stream: str) -> tuple[float, float]:
+    """Standard deviation of a reading before rounding, and step to which it is rounded, rad, as described; else 0."""
     if stream.startswith("head_"):
-        return math.hypot(stage.ring.noise, stage.ring.resolution / math.sqrt(12))
+        return stage.ring.noise, stage.ring.resolution
     if stream == "autocollimator" and stage.autocollimator is not None:
         size = abs(stage.response(stream).gain)
-        return size * math.hypot(stage.autocollimator.noise, stage.autocollimator.resolution / math.sqrt(12))
-    return 0.0
+        return size * stage.autocollimator.noise, size * stage.autocollimator.resolution
+    return 0.0, 0.0
 
 
 def _agreement(found: Found) -> Iterator[Finding]:

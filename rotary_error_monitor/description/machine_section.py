@@ -141,6 +141,12 @@ class Axis(Section):
         return QUICKEST[self.kind] if self.acceleration is None else self.acceleration
 
     @property
+    def home(self) -> float:
+        """Where it stands while nothing names it: at 0, or at the end of its travel that is nearest to 0, m or rad."""
+        low, high = self.travel
+        return min(max(0.0, low), high)
+
+    @property
     def positioning_shares(self) -> dict[str, float]:
         """Which share of its positioning error is in which error component, by name: those of its direction."""
         letters = "XYZ" if self.kind == "linear" else "ABC"

@@ -148,6 +148,7 @@ class Estimator:
         if name not in self._streams:
             raise InputError(f"no stream '{name}' in this stage; it has {', '.join(self._streams)}")
         stream = self._streams[name]
+        block.check_fields(name, stream.names)
         if name in self._responses:
             block = correct_block(block, stream.names, self._responses[name])
         until_ns = None if arrival_ns is None else self._check_arrival(name, block, arrival_ns, recorded)

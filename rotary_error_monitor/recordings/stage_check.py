@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from statistics import median
 
 from rotary_error_monitor.bags.naming import THE_ONLY_CELL, Naming
 from rotary_error_monitor.bags.reader import BagReader
@@ -21,7 +22,7 @@ from rotary_error_monitor.signals.blocks import SampleBlock
 BATCH = 32
 """Messages that are reckoned with at once: what is doubted is dated to some hundredths of a second."""
 
-_SCALE_OF_TILT = "uncertainty of the autocollimator, times that of its noise"
+_SCALE_OF_TILT = "uncertainty of the autocollimator, times that of its noise, median"
 
 
 @dataclass
@@ -119,19 +120,23 @@ def check_stage(
     refused.update(ahead)
     said = (*reader.remarks, window and window.remark, *gap_remarks(status, settings))
     remarks = tuple(remark for remark in said if remark)
-    figures = _figures(estimator, stage)
+    figures = _figures(estimator, stage, log)
     verified = estimator.belief.verified
     return StageCheck(tuple(log.doubts.values()), refused, verified, log.duration, figures, remarks)
 
 
-def _figures(estimator: Estimator, stage: StageDescription) -> dict[str, float]:
-    """What the estimator found, by name with unit, as far as the stage has the sensors for it."""
+def _figures(estimator: Estimator, stage: StageDescription, log: _Log) -> dict[str, float]:
+    """What the estimator found, by name with unit, as far as the stage has the sensors for it.
+
+    How sure it was is told in the median over the recording: for a moment it is less sure of the best instrument, as
+    at a turning point, where one that is stuck would read the same.
+    """
     status, belief = estimator.status, estimator.belief
     found = {
         "estimates": float(status.estimates),
         "withheld": float(status.withheld),
-        _scale_of_heads(stage): belief.verdict.head_scale,
-        _SCALE_OF_TILT: belief.verdict.tilt_scale,
+        _scale_of_heads(stage): median(log.head_scales or [belief.verdict.head_scale]),
+        _SCALE_OF_TILT: median(log.tilt_scales or [belief.verdict.tilt_scale]),
         "delay of the heads against the command, ms": belief.command.delay * 1e3 + 0.0,  # no minus before a zero
         "whole turns taken out": float(status.turns),
         "eccentricity or error motion, not told which, um": belief.verdict.unresolved * 1e6,
@@ -149,7 +154,7 @@ def _figures(estimator: Estimator, stage: StageDescription) -> dict[str, float]:
 def _scale_of_heads(stage: StageDescription) -> str:
     """A ring that turns fast is known less well than its readings: stamps are not of one instant."""
     stamps = f"its stamps known to {stage.timing('encoder') * 1e6:.3g} us (uncertainty.encoder.timing)"
-    return f"uncertainty of a head, {stamps}, times that of its noise"
+    return f"uncertainty of a head, {stamps}, times that of its noise, median"
 
 
 def check_text(check: StageCheck) -> Iterator[str]:
@@ -171,10 +176,12 @@ def check_text(check: StageCheck) -> Iterator[str]:
 
 
 class _Log:
-    """What was doubted, and when."""
+    """What was doubted, and when, and how sure heads and autocollimator were each time."""
 
     def __init__(self) -> None:
         self.doubts: dict[str, Doubt] = {}
+        self.head_scales: list[float] = []
+        self.tilt_scales: list[float] = []
         self._first_ns: int | None = None
         self._last_ns = 0
         self._before = 0.0
@@ -191,6 +198,9 @@ class _Log:
     def note(self, estimator: Estimator) -> None:
         """What the estimator doubts now lasted since the last time that it was asked."""
         passed, self._before = self.duration - self._before, self.duration
+        if estimator.status.estimates:
+            self.head_scales.append(estimator.belief.verdict.head_scale)
+            self.tilt_scales.append(estimator.belief.verdict.tilt_scale)
         for what, why in estimator.reasons:
             doubt = self.doubts.setdefault(what, Doubt(what, why, self.duration))
             doubt.duration += passed

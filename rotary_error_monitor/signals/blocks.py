@@ -65,6 +65,20 @@ class SampleBlock:
         except ValueError:
             raise InputError(f"a sample block holds {excerpt(', '.join(self.names))}, but no field '{name}'") from None
 
+    def check_fields(self, stream: str, fields: Sequence[str]) -> None:
+        """Hold that the block of a stream has its fields.
+
+        Raises:
+            InputError: it lacks one of them; the message names the stream and its fields.
+        """
+        if tuple(fields) != self.names[1:]:
+            lacking = [name for name in fields if name not in self.names]
+            if lacking:
+                raise InputError(
+                    f"{stream}: a sample block holds {excerpt(', '.join(self.names))}, but no field "
+                    f"'{lacking[0]}'; expected t, {', '.join(fields)}"
+                )
+
     def columns(self, names: Sequence[str]) -> Array:
         """(n, len(names)) samples of several fields.
 

@@ -222,6 +222,8 @@ def thinned(recording: StageRecording, most_rate: float) -> StageRecording:
 
 def _stream(name: str, blocks: Sequence[SampleBlock], start_ns: int, remarks: list[str]) -> Stream:
     fields = fields_of(name)
+    for block in blocks:
+        block.check_fields(name, fields)
     time = np.concatenate([(block.times_ns - start_ns) * 1e-9 for block in blocks])
     values = np.concatenate([block.columns(fields) for block in blocks])
     order = np.argsort(time, kind="stable")

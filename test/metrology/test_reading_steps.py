@@ -5,7 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rotary_error_monitor.metrology.reading_steps import repeated_errors, rounding_errors, sawtooth, step_of
+from rotary_error_monitor.metrology.reading_steps import (
+    repeated_errors,
+    rounding_errors,
+    rounding_variance,
+    sawtooth,
+    step_of,
+)
 
 
 @pytest.mark.parametrize("ratio", [0.2, 1.0, 2.0, 4.0, 100.0])
@@ -72,3 +78,21 @@ def test_the_step_of_readings_is_found_up_to_an_offset_and_a_gain(seed):
     assert step_of(rng.normal(size=2000)) == 0.0
     assert step_of(np.repeat(rng.normal(size=500), 4)) == 0.0, "continuous ones that are sent several times"
     assert step_of(np.full(50, step)) == 0.0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_a_fit_leaves_of_rounding_is_that_of_lines_that_are_rounded(seed):
+    """A line at any place between two steps: 20,000 of them, at advances of any size and at fractions of a step."""
+    rng = np.random.default_rng([seed, 20261129])
+    count, degree = int(rng.integers(4, 10)), int(rng.integers(1, 3))
+    columns = np.vander(np.arange(count) / count, degree + 1)
+    kept = np.eye(count) - columns @ np.linalg.pinv(columns)
+    step, noise = 10 ** rng.uniform(-6, 0), rng.choice([0.0, 0.1, 0.3])
+    advances = np.concatenate([rng.uniform(0, 3, 4), rng.integers(1, 12, 4) / rng.integers(2, 6, 4), [1.0]])
+    found = rounding_variance(step * advances, np.full(len(advances), step * noise), step, kept)
+    for advance, each in zip(advances, found, strict=True):
+        lines = rng.uniform(0, 1, (20_000, 1)) + advance * np.arange(count)
+        left = np.rint(lines + noise * rng.normal(size=lines.shape)) @ kept
+        square = (left**2).sum(axis=1) / np.trace(kept)
+        scatter = 5 * square.std() / np.sqrt(len(square))
+        assert abs(each / step**2 + noise**2 - square.mean()) < 0.03 / 12 + scatter

@@ -125,6 +125,24 @@ def test_one_pose_as_page_and_picture(tmp_path: Path) -> None:
     assert (tmp_path / "pose.png").stat().st_size > 5_000
 
 
+@pytest.mark.parametrize(
+    ("travel", "expected"), [("[0.1, 0.6]", 0.1), ("[-0.6, -0.1]", -0.1), ("[-0.1, 0.6]", 0.0)], ids=str
+)
+def test_axes_not_named_stand_where_they_stand_in_a_table(travel: str, expected: float, tmp_path: Path) -> None:
+    """At 0, or as near to it as they go: at one pose and over a grid."""
+    content = config("machines/xyzac_trt.yaml").read_text(encoding="utf-8")
+    assert content.count("Z: {kind: linear, direction: [0, 0, 1], travel: [-0.25, 0.25]") == 1
+    machine, table = tmp_path / "machine.yaml", tmp_path / "table.csv"
+    machine.write_text(content.replace("1], travel: [-0.25, 0.25]", f"1], travel: {travel}"), encoding="utf-8")
+    assert run(machine, "--at", "X=100", "-o", tmp_path / "pose.csv") == 0
+    assert main(["calibrate", "tables", str(machine), "--grid", "X=3", "-o", str(table)]) == 0
+    for path, count in ((tmp_path / "pose.csv", 1), (table, 3)):
+        with path.open(encoding="utf-8") as file:
+            rows = list(csv.DictReader(file))
+        assert len(rows) == count
+        assert all([float(row[n]) for n in ("Y_mm", "Z_mm", "A_deg")] == [0.0, 1e3 * expected, 0.0] for row in rows)
+
+
 @pytest.mark.parametrize("how", ["text", "latex"])
 def test_the_array_is_printed(how: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert run("pan2013", "--array", how) == 0
