@@ -209,8 +209,8 @@ class CommandBelief:
         if len(windows) > 1:
             self._told = windows.last, speeds[-1]
         for theta, turned, distance, speed in zip(thetas, moved, distances, speeds, strict=True):
-            place = theta, turned, (distance, speed)
-            self.shift = self._zero.judge(*place, self.delay, self._noise, self._hidden)
+            seen = theta, turned, (distance, speed)
+            self.shift = self._zero.judge(*seen, self.delay, self._noise, self._hidden)
         measured = self._measure(windows.first, thetas, distances, windows.scatter.ecc)
         samples = [max(1.0, windows.ticks * each) for each in windows.mean.head_samples]
         scatters = list(map(_deviation, measured, samples))
