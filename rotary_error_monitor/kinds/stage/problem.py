@@ -15,6 +15,7 @@ from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.effect import Cause, Role, Searched, among, values_of
 from rotary_error_monitor.effects.rotor import HEAD, StageEffect
 from rotary_error_monitor.gap.departures import SHARE, Departures, amplitude_sizes, modulated, spread_out
+from rotary_error_monitor.gap.noise_level import NOISIER
 from rotary_error_monitor.gap.problem import Candidate, Columns, Conditions, Finding, Rows, Share, SparseRows
 from rotary_error_monitor.gap.structure import Track
 from rotary_error_monitor.gap.views import View
@@ -33,7 +34,7 @@ from rotary_error_monitor.kinds.stage.modulations import (
     next_order,
     one_by_one,
 )
-from rotary_error_monitor.kinds.stage.noise_learning import NOISIER, NoiseLearning
+from rotary_error_monitor.kinds.stage.noise_learning import NoiseLearning
 from rotary_error_monitor.kinds.stage.nuisances import Nuisances
 from rotary_error_monitor.kinds.stage.offset import offset_figures
 from rotary_error_monitor.kinds.stage.play import Play, stays
