@@ -21,6 +21,7 @@ from rotary_error_monitor.gap.structure import Track
 from rotary_error_monitor.gap.views import View
 from rotary_error_monitor.kinds.stage.admission import check_extent, check_noise, motion_remarks
 from rotary_error_monitor.kinds.stage.another import check_stage, left_out
+from rotary_error_monitor.kinds.stage.arc import Arc
 from rotary_error_monitor.kinds.stage.conditions import stage_conditions
 from rotary_error_monitor.kinds.stage.distortion import distortions
 from rotary_error_monitor.kinds.stage.experiments import advise
@@ -136,6 +137,7 @@ class StageProblem:
         self._learning = NoiseLearning(self, self._signatures, self._nuisances, self._search, self._expected)
         self._learning.begin(raw)
         self._modulations = StageModulations(self.twin, recording.duration, self.play)
+        self._arc = Arc.of(recording)
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -225,9 +227,11 @@ class StageProblem:
         if goes_by_another_name(cause):
             return Departures(place, (), (), np.zeros(0), {})
         linear, amplitudes = linear_values(cause)
-        sizes, neighbours = amplitude_sizes(cause), neighbouring(cause)
+        sizes, all_around = amplitude_sizes(cause), neighbouring(cause)
+        neighbours = self._arc.neighbours(cause, all_around)
+        places, form_told = not all_around and self._arc.goes_around(cause), self._arc.tells_form(cause)
         around = [self._derivatives(neighbour, linear, ()) for neighbour in neighbours]
-        jumps, slow = self._modulations.jumps(cause), self._modulations.may_wander(cause)
+        jumps, slow = self._modulations.jumps(cause), self._modulations.may_wander(cause) and form_told
         signatures = self._derivatives(cause, linear, causes)
         sudden = jumps or cause.effect.searched is Searched.MOMENT
         kind, say, real = self._no_jumps(cause, causes, signatures) if sudden else ("", stays, {})
@@ -238,8 +242,9 @@ class StageProblem:
             stacked: Signals = {}
             for name in names:
                 signature = signatures[name]
-                modulations = self._modulations.of_state(self.twin.state(name), not neighbours, jumps, slow)
-                modulations += self._modulations.of_size(cause, signature @ amplitudes, name)
+                modulations = self._modulations.of_state(self.twin.state(name), places, jumps, slow)
+                if form_told:
+                    modulations += self._modulations.of_size(cause, signature @ amplitudes, name)
                 beside = [SHARE * sizes * rows[name] for rows in around]
                 beside += [real[name]] if name in real else []
                 stacked[name] = modulated(signature, amplitudes, sizes, modulations, beside)
@@ -256,6 +261,14 @@ class StageProblem:
             white,
             (*(None for _ in kinds), *orders, *[None] * others),
         )
+
+    def independent(self, cause: Cause) -> float:
+        """As `Resembled` asks: of a wave on an arc fewer directions are."""
+        return self._arc.independent(cause)
+
+    def doubt(self, causes: Sequence[Cause]) -> str:
+        """As `Resembled` asks: more orders than an arc tells apart."""
+        return self._arc.doubt(causes, self.channels)
 
     def _no_jumps(
         self, cause: Cause, causes: Sequence[Cause], signatures: Signals
