@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.gap.noise_level import NoiseLevel, expected_level
 from rotary_error_monitor.gap.options import FALSE_ALARMS
-from rotary_error_monitor.gap.p_values import chi_square_median, log_chi_square_tail
+from rotary_error_monitor.gap.p_values import chi_square_median, chi_square_quantile, log_chi_square_tail
 from rotary_error_monitor.kinds.machine.smooth import OUTLIER
 
 PARTS = 12
@@ -21,6 +21,9 @@ LEAST = 24
 
 MOST_ROUNDS = 4
 """Times that steps are looked for beside those found."""
+
+MOST_MODULATED = 8
+"""Smooth errors on one side only that are taken out: an effect has six amplitudes at most, which may differ in two."""
 
 REMEMBERED = 4
 """Sets of poses of which what they have in common is kept: outliers are looked for beside several sets of causes."""
@@ -55,10 +58,12 @@ class ProbeNoiseEstimator:
 
     Args:
         columns: (3 n, p) white columns of smooth errors, components one after the other.
+        factors: (n, k) what they may go with: an error that is there on one side only is not smooth, and no noise.
     """
 
-    def __init__(self, columns: Array) -> None:
+    def __init__(self, columns: Array, factors: Array) -> None:
         self._columns = columns
+        self._factors = factors
         self._known: dict[bytes, _Differences] = {}
 
     def estimate(self, white: Array, kept: NDArray[np.bool_]) -> ProbeNoise:
@@ -69,6 +74,7 @@ class ProbeNoiseEstimator:
             kept: (n,) poses that are no outliers.
         """
         rows, columns = white[:, kept], self._columns.reshape(3, len(kept), -1)[:, kept]
+        columns = np.concatenate([columns, self._modulated(rows, columns, self._factors[kept])], axis=2)
         used = np.ones(max(rows.shape[1] - 1, 0), bool)
         for _ in range(MOST_ROUNDS):
             apart = self._differences(columns, kept, used)
@@ -80,6 +86,24 @@ class ProbeNoiseEstimator:
                 break
             used = used & ~steps
         return self._from_squares(rows, squares[:, used], apart, used)
+
+    def _modulated(self, rows: Array, columns: Array, factors: Array) -> Array:
+        """(3, m, j) smooth errors times a factor that stand out of what all smooth errors leave, one by one."""
+        chosen, basis = np.zeros((*rows.shape, 0)), _span(columns)
+        least = chi_square_quantile(FALSE_ALARMS / max(columns.shape[2] * factors.shape[1], 1), 1)
+        while chosen.shape[2] < MOST_MODULATED and rows.size - basis.shape[1] >= LEAST:
+            left = _left(rows, basis)
+            noise = max(float(np.sum(np.square(left))) / (rows.size - basis.shape[1]), np.finfo(np.float64).tiny)
+            shown = np.einsum("cm,cmp,mk->pk", left, columns, factors, optimize=True)
+            powers = np.einsum("cmp,mk->pk", np.square(columns), np.square(factors), optimize=True)
+            gains = np.square(shown) / np.maximum(powers, SAME)
+            best, factor = np.unravel_index(int(np.argmax(gains)), gains.shape)
+            if gains[best, factor] < least * noise:
+                break
+            own = columns[:, :, best] * factors[:, factor]
+            chosen = np.concatenate([chosen, own[:, :, None]], axis=2)
+            basis = _span(np.concatenate([columns, chosen], axis=2))
+        return chosen
 
     def _from_squares(self, rows: Array, squares: Array, apart: _Differences, used: NDArray[np.bool_]) -> ProbeNoise:
         expected = apart.expected[:, used]
@@ -99,7 +123,8 @@ class ProbeNoiseEstimator:
 
     def _differences(self, columns: Array, kept: NDArray[np.bool_], used: NDArray[np.bool_]) -> _Differences:
         """What is the same as long as the same poses are kept; that of the last few is."""
-        key = np.packbits(np.concatenate([kept, used])).tobytes()
+        modulated = columns[:, :, self._columns.shape[1] :]
+        key = np.packbits(np.concatenate([kept, used])).tobytes() + modulated.tobytes()
         if key not in self._known:
             self._known = dict([*self._known.items()][1 - REMEMBERED :])
             self._known[key] = _Differences.of(columns, used)

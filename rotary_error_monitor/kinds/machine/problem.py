@@ -87,7 +87,7 @@ class MachineProblem(TableProblem[None]):
         self._derivatives: dict[tuple[object, ...], Array] = {}
         self._moved: Array | None = None
         self._smooth = SmoothMachine(machine, recording, probe_std)
-        self._estimator = ProbeNoiseEstimator(self._smooth.columns)
+        self._estimator = ProbeNoiseEstimator(self._smooth.columns, self._smooth.factors)
         self._noise = AS_STATED
         self.drift: Array = np.zeros((len(self.index), 0))
         self.learn_outliers((), {})
