@@ -67,8 +67,8 @@ MODEL_RATES := $(addprefix test/,blind_check analysis/test_trend.py benchmark/te
 	collimator_rates.py head_comparison.py identification.py machine_rates.py steps.py straightness_bounds.py \
 	yaml_text.py) \
 	$(addprefix gap/test_,cases.py gross_errors.py) \
-	$(addprefix kinds/,machine/test_diagnosis.py quadrature/test_problem.py) \
-	$(addprefix kinds/stage/test_,diagnosis.py no_gap.py stretches.py without_heads.py) \
+	$(addprefix kinds/,machine/test_diagnosis.py machine/test_noise_level.py quadrature/test_problem.py) \
+	$(addprefix kinds/stage/test_,arc.py diagnosis.py no_gap.py stretches.py without_heads.py) \
 	$(addprefix metrology/test_,axis_fits.py description_check.py) cases/test_cases.py)
 # Rates that take longest are for whoever changes what they are of, and before a release: `make rates`.
 SWEEPS := $(addprefix test/,$(addprefix analysis/test_,motion.py probes.py) benchmark/test_ablation.py \

@@ -30,8 +30,7 @@ from rotary_error_monitor.gap.verdict import (
     Judgement,
     Verdict,
     alarming,
-    cancelled_in,
-    names_of,
+    doubt_about,
     probability_of_unknown,
 )
 from rotary_error_monitor.gap.weighing import departures_instead, rivals_of, weigh_causes, weigh_fit, weigh_step
@@ -267,8 +266,4 @@ def _believed(step: Step, best: Posterior, others: list[Posterior]) -> Judgement
 
 def _doubts(problem: Problem, step: Step) -> tuple[str, ...]:
     """Why causes are not believed however well they fit."""
-    channel = cancelled_in(problem, step.fit)
-    if not channel:
-        return ()
-    words = "something that is not seen there is the likelier cause"
-    return (f"{names_of(step.fit)} fit, but cancel one another on {channel}: {words}",)
+    return tuple(filter(None, [doubt_about(problem, step.fit)]))

@@ -6,7 +6,7 @@ Loading all distributions of scipy.stats takes longer than diagnosing a machine;
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import chdtri, gammaincc, gammaincinv, gammaln, log_ndtr
+from scipy.special import betainc, betaln, chdtri, gammaincc, gammaincinv, gammaln, log_ndtr
 
 LEAST_LOG_P_VALUE = -1e6
 """Logarithms of p-values below this are taken for it: 1400 standard deviations, beyond which no prior makes a
@@ -17,6 +17,9 @@ NORMAL_QUARTILE = 0.6744897501960817
 
 _SMALLEST = 1e-290
 """Tails below this are computed as logarithms from the start."""
+
+_TERMS = 200
+"""Terms of the series of a tail that is below the smallest number: what is missing then is below a part in 10^3."""
 
 
 def log_chi_square_tail(value: float, dof: float) -> float:
@@ -33,6 +36,30 @@ def log_chi_square_tail(value: float, dof: float) -> float:
         return float(np.log(tail))
     fraction = x + 1 - half - (1 - half) / (x + 3 - half - 2 * (2 - half) / (x + 5 - half))
     return float(half * np.log(x) - x - gammaln(half) - np.log(fraction))
+
+
+def log_f_tail(value: float, dof: float, dof_below: float) -> float:
+    """Natural logarithm of the chance that the ratio of two estimates of one variance exceeds a value.
+
+    Far out it is the hypergeometric series of the incomplete beta function (Abramowitz and Stegun 26.5.4).
+
+    Args:
+        value: the ratio.
+        dof: degrees of freedom of the estimate above.
+        dof_below: of that below; infinite where the variance is known.
+    """
+    if np.isinf(dof_below):
+        return log_chi_square_tail(dof * value, dof)
+    if value <= 0:
+        return 0.0
+    a, b = 0.5 * dof_below, 0.5 * dof
+    x = dof_below / (dof_below + dof * value)
+    tail = float(betainc(a, b, x))
+    if tail > _SMALLEST:
+        return float(np.log(tail))
+    steps = np.arange(_TERMS)
+    series = 1 + float(np.sum(np.cumprod((a + b + steps) / (a + 1 + steps) * x)))
+    return float(a * np.log(x) + b * np.log1p(-x) - np.log(a) - betaln(a, b) + np.log(series))
 
 
 def log_normal_tail(value: float) -> float:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +39,18 @@ PRIOR_OF_KNOWN = 0.5
 NO_DEPARTURE = 0.5
 """Part of a cause's power: where its textbook form leaves more, departures need not be looked at. They would be of 70 %
 of the cause, seven standard deviations of their prior, and something unknown is always likelier."""
+
+
+@runtime_checkable
+class Resembled(Protocol):
+    """A problem whose recording may be too short for some causes to be told from whatever else is smooth."""
+
+    def independent(self, cause: Cause) -> float:
+        """Part of the directions of a cause's form that are independent in the recording, from 0 to 1."""
+
+    def doubt(self, causes: Sequence[Cause]) -> str:
+        """Why causes together would fit whatever is at work; empty where they would not."""
+
 
 Powers = Mapping[str, float]
 """Squares of white rows by channel."""
@@ -128,15 +141,21 @@ def weigh_against_unknown(
     credit = -float(np.log(PRIOR_OF_UNKNOWN)) if settled and not problem.m_open else 0.0
     prior = float(np.log(PRIOR_OF_KNOWN / effects)) + credit
     log_odds, near = [], False
-    for power, part, share in zip(powers, _own_parts(fit), shares, strict=True):
+    for cause, power, part, share in zip(fit.causes, powers, _own_parts(fit), shares, strict=True):
         own, total = {channel: part * value for channel, value in power.items()}, sum(power.values()) or 1.0
         fair = max(share, SHARE) ** 2
         kept = {channel: value / (left[channel] + fair * value) for channel, value in own.items()}
         gain = sum(power[channel] / total * float(np.log1p(value)) for channel, value in kept.items())
         beside = sum(value / total * float(np.log1p(value / left[channel])) for channel, value in power.items())
         near |= beside > np.log1p(1 / NO_DEPARTURE)
-        log_odds.append(0.5 * FREE * gain + prior - 0.5 * float(share / SHARE) ** 2)
+        log_odds.append(0.5 * _free(problem, cause) * gain + prior - 0.5 * float(share / SHARE) ** 2)
     return Posterior(fit, tuple(findings), tuple(log_odds), settled, near, credit)
+
+
+def _free(problem: Problem, cause: Cause) -> float:
+    """Directions beside that of a cause, of those that are independent in the recording."""
+    part = problem.independent(cause) if isinstance(problem, Resembled) else 1.0
+    return max((FREE + 1) * part - 1, 0.0)
 
 
 def _left_in(problem: Problem, fit: Fit, findings: Sequence[Finding], powers: Powers) -> dict[str, float]:

@@ -45,7 +45,7 @@ def judge_open(problem: Problem, selection: Selection, false_alarms: float) -> J
         by_chance = chance_of_no_better(others, squares) > UNNEEDED
         fewer = len(fit.causes) < len(best.fit.causes) and float(others.sum()) <= float(squares.sum())
         if fewer or not by_chance:
-            doubts = (f"{names_of(best.fit)} in their textbook forms predict what was left out as well",)
+            doubts = (f"{names_of(best.fit.causes)} in their textbook forms predict what was left out as well",)
             best = _open(step, fit.without_data(), weighed.findings, True, doubts if by_chance else ())
             squares = others
     return best

@@ -8,10 +8,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.gap.alternatives import Key
 from rotary_error_monitor.gap.fitting import Fit
 from rotary_error_monitor.gap.p_values import LEAST_LOG_P_VALUE
-from rotary_error_monitor.gap.posterior import PRIOR_OF_UNKNOWN, shown_by
+from rotary_error_monitor.gap.posterior import PRIOR_OF_UNKNOWN, Resembled, shown_by
 from rotary_error_monitor.gap.problem import Finding, Problem
 from rotary_error_monitor.gap.steps import Step
 
@@ -95,9 +96,18 @@ def cancelled_in(problem: Problem, fit: Fit) -> str:
     return ""
 
 
-def names_of(fit: Fit) -> str:
-    """The causes of a fit and their places, in words."""
-    return " and ".join(" at ".join(filter(None, cause.key)) for cause in fit.causes)
+def doubt_about(problem: Problem, fit: Fit) -> str:
+    """Why the causes of a fit are not believed however well they fit; empty where they are."""
+    channel = cancelled_in(problem, fit)
+    if channel:
+        words = "something that is not seen there is the likelier cause"
+        return f"{names_of(fit.causes)} fit, but cancel one another on {channel}: {words}"
+    return problem.doubt(fit.causes) if isinstance(problem, Resembled) else ""
+
+
+def names_of(causes: Sequence[Cause]) -> str:
+    """Causes and their places, in words."""
+    return " and ".join(" at ".join(filter(None, cause.key)) for cause in causes)
 
 
 def alarming(findings: tuple[Finding, ...], step: Step) -> tuple[Finding, ...]:

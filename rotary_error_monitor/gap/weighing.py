@@ -26,7 +26,7 @@ from rotary_error_monitor.gap.prior_conflict import find_left
 from rotary_error_monitor.gap.problem import Finding, Problem
 from rotary_error_monitor.gap.shrink import measure_gap
 from rotary_error_monitor.gap.steps import Step
-from rotary_error_monitor.gap.verdict import cancelled_in
+from rotary_error_monitor.gap.verdict import doubt_about
 from rotary_error_monitor.twin.finite import UnpredictableError
 
 MOST_RIVALS = 2
@@ -54,7 +54,7 @@ def weigh_causes(
             posterior = _posterior(problem, step, causes, false_alarms)
         except UnpredictableError:
             return
-        if cancelled_in(problem, posterior.fit):
+        if doubt_about(problem, posterior.fit):
             return
         yield posterior
         fewer = tuple(c for c, odds in zip(posterior.fit.causes, posterior.log_odds, strict=True) if odds > 0)

@@ -5,14 +5,16 @@ from __future__ import annotations
 import itertools
 import math
 
+import numpy as np
 import pytest
 from scipy.special import log_ndtr
-from scipy.stats import chi2, norm
+from scipy.stats import chi2, f, norm
 
 from rotary_error_monitor.gap.p_values import (
     chi_square_median,
     chi_square_quantile,
     log_chi_square_tail,
+    log_f_tail,
     log_normal_tail,
 )
 
@@ -42,6 +44,21 @@ def test_there_is_no_step_where_the_tail_underflows(dof):
     slopes = [b - a for a, b in itertools.pairwise(tails)]
     assert max(slopes) - min(slopes) < 2e-3
     assert min(slopes) > -0.501 and max(slopes) < 0
+
+
+@pytest.mark.parametrize("below", [5.0, 300.0, 4000.0])
+@pytest.mark.parametrize("value", [0.7, 1.3, 2.0])
+def test_a_ratio_of_variances(value, below):
+    expected = float(f.logsf(value, 720, below))
+    assert log_f_tail(value, 720, below) == pytest.approx(expected, rel=1e-3, abs=1e-10)
+    assert log_f_tail(value, 720, np.inf) == log_chi_square_tail(720 * value, 720)
+
+
+def test_a_ratio_of_variances_far_out():
+    """Of two degrees of freedom above the tail is a power."""
+    for value in (1e3, 1e6, 1e12):
+        assert log_f_tail(value, 2, 300) == pytest.approx(-150 * math.log1p(2 * value / 300), rel=1e-6)
+    assert log_f_tail(0.0, 2, 300) == 0.0
 
 
 def test_normal_tail():

@@ -15,11 +15,13 @@ from rotary_error_monitor.effects.machine_effect import LINEAR, MachineEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.departures import Departures
 from rotary_error_monitor.gap.known_effects import KnownEffects
-from rotary_error_monitor.gap.p_values import NORMAL_QUARTILE, log_chi_square_tail
+from rotary_error_monitor.gap.noise_level import NOISIER, SAME_LEVEL
+from rotary_error_monitor.gap.p_values import NORMAL_QUARTILE, log_f_tail
 from rotary_error_monitor.gap.problem import Candidate, Columns, Conditions, Finding, Rows, Share
 from rotary_error_monitor.gap.slow_noise import Rivals, cosines, learn_slow_noise
 from rotary_error_monitor.gap.table import TableProblem, acting
 from rotary_error_monitor.kinds.machine.modulations import machine_departures
+from rotary_error_monitor.kinds.machine.noise_level import AS_STATED, ProbeNoiseEstimator
 from rotary_error_monitor.kinds.machine.smooth import SmoothMachine
 from rotary_error_monitor.kinds.machine.where import machine_advice, machine_where
 from rotary_error_monitor.machine.uncertainty import uncertain_shifts
@@ -51,7 +53,10 @@ class MachineProblem(TableProblem[None]):
         machine: the description that the twin has.
         recording: poses and probe.
         effects: the known effects.
-        probe_std: standard deviation of one component of the probe, m.
+        probe_std: stated standard deviation of one component of the probe, m.
+
+    Attributes:
+        probe_std: what it is taken to be beside the causes found, m.
     """
 
     unit = ("µm", 1e6)
@@ -70,7 +75,7 @@ class MachineProblem(TableProblem[None]):
         self.names = {component: f"{topic_named('tool_probe')}.{component}" for component in "xyz"}
         self.machine = machine
         self.recording = recording
-        self.probe_std = probe_std
+        self.stated_std = self.probe_std = probe_std
         edges = np.linspace(0, len(recording.probe), 4 * FOLDS + 1)
         labels = (np.arange(4 * FOLDS) // 4).astype(np.intp)
         folds = Conditions(edges - 0.5, labels, tuple(f"poses {i + 1}/{FOLDS}" for i in range(FOLDS)))
@@ -82,6 +87,8 @@ class MachineProblem(TableProblem[None]):
         self._derivatives: dict[tuple[object, ...], Array] = {}
         self._moved: Array | None = None
         self._smooth = SmoothMachine(machine, recording, probe_std)
+        self._estimator = ProbeNoiseEstimator(self._smooth.columns, self._smooth.factors)
+        self._noise = AS_STATED
         self.drift: Array = np.zeros((len(self.index), 0))
         self.learn_outliers((), {})
 
@@ -152,11 +159,15 @@ class MachineProblem(TableProblem[None]):
         white = np.concatenate([rest[channel][:, 0] for channel in self.channels])
         count = 3 * int(self.kept.sum())
         power = float(white @ white)
-        scatter = Finding("probe", "power", log_chi_square_tail(power, count), max(0.0, power - count), "pose: scatter")
+        # both scatter as the squares of this noise do
+        dof, dof_of_noise = count / self._noise.tails, self._noise.level.dof
+        scatter = Finding(
+            "probe", "power", log_f_tail(power / count, dof, dof_of_noise), max(0.0, power - count), "pose: scatter"
+        )
         return [scatter, *self._smooth.findings(white, self.kept)]
 
     def learn_noise(self, causes: Sequence[Cause]) -> bool:
-        """Look for outliers and for a drift of the probe again; whether the rows or their noise have changed by it."""
+        """Look for outliers, and for level and drift of the probe's noise again; whether rows or noise have changed."""
         return bool(causes) and self.learn_outliers(causes, {})
 
     def learn_outliers(self, causes: Sequence[Cause], departing: Rows) -> bool:
@@ -164,16 +175,30 @@ class MachineProblem(TableProblem[None]):
 
         Of poses that were left out before that is not known: they come back if the causes alone explain them.
         """
-        white = self.error(causes) / self.probe_std
+        white = self.error(causes) / self.stated_std
         if departing:
-            white -= np.stack([self._slow_noise().plain(departing[channel])[:, 0] for channel in self.channels])
+            taken = [self._slow_noise().plain(departing[channel])[:, 0] for channel in self.channels]
+            white -= np.stack(taken) * (self.probe_std / self.stated_std)
         kept = self._smooth.inliers(white.T)
-        # What departures as they are fitted leave of a fault may look like slow noise: that is learnt without them.
-        drift = self.drift if departing else self._learn_drift(white, kept, causes)
-        if np.array_equal(kept, self.kept) and _alike(drift, self.drift):
+        before = self.kept, self.drift, self.probe_std
+        self._learn_level(white, kept)
+        if departing:
+            # What departures as they are fitted leave of a fault may look like slow noise: that is learnt without them.
+            self.drift = self.drift * (before[2] / self.probe_std)
+        else:
+            self.drift = self._learn_drift(white * (self.stated_std / self.probe_std), kept, causes)
+        if np.array_equal(kept, self.kept) and self.probe_std == before[2] and _alike(self.drift, before[1]):
+            self.drift = before[1]
             return False
-        self.kept, self.drift = kept, drift
+        self.kept = kept
         return True
+
+    def _learn_level(self, white: Array, kept: NDArray[np.bool_]) -> None:
+        """Level of the noise; as it was where it hardly differs."""
+        self._noise = self._estimator.estimate(white, kept)
+        std = self.stated_std * self._noise.level.value
+        if abs(std / self.probe_std - 1) > SAME_LEVEL:
+            self.probe_std, self.std = std, np.full(len(self.channels), std)
 
     def _learn_drift(self, white: Array, kept: NDArray[np.bool_], causes: Sequence[Cause]) -> Array:
         """(n, q) one standard deviation of each slow course of a component of the probe, in those of its noise."""
@@ -253,10 +278,16 @@ class MachineProblem(TableProblem[None]):
         noisy = scatter > 1 + 5 / np.sqrt(2 * max(count, 1))
         return (
             *self.recording.remarks,
+            *self._otherwise(),
             *self._drifting(),
             *([f"{lost} poses are outliers of the probe and were left out"] if lost else []),
             *([f"probe: what is left scatters {scatter:.2f} times as much as the probe's noise"] if noisy else []),
         )
+
+    def _otherwise(self) -> list[str]:
+        level, std = self.probe_std / self.stated_std, f"{1e6 * self.stated_std:.2g} µm"
+        told = abs(level - 1) > max(NOISIER, 2 * float(np.sqrt(self._noise.level.variance)))
+        return [f"probe: noise is {level:.2f} times the {std} that are stated"] if told else []
 
     def _drifting(self) -> list[str]:
         size = 1e6 * self.probe_std * float(np.sqrt(np.mean(np.sum(np.square(self.drift), axis=1))))

@@ -41,6 +41,13 @@ class SmoothMachine:
         self.columns = table / np.maximum(np.linalg.norm(table, axis=0), 1e-12) * np.sqrt(len(table))
         """White columns (3 n, p), components one after the other, each with a mean square of one."""
 
+        passed = np.linspace(-1, 1, len(recording.positions))
+        sides = [
+            (2 * q - sum(a.travel)) / np.ptp(a.travel) for a, q in zip(machine.axes, recording.positions.T, strict=True)
+        ]
+        self.factors = np.column_stack([recording.direction, passed, np.sign(passed), *sides, *map(np.sign, sides)])
+        """(n, k) what an error may go with: directions, time, its halves, positions and halves of the travel."""
+
     def findings(self, white: Array, kept: NDArray[np.bool_]) -> list[Finding]:
         """The smooth error of each axis that white rows (3 n,), zero where not `kept` (n,), show most of."""
         findings = []

@@ -8,12 +8,12 @@ from hashlib import sha256
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import expit
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.rotor import HEAD
 from rotary_error_monitor.gap.known_effects import KnownEffects
+from rotary_error_monitor.gap.noise_level import NOISIER, SAME_LEVEL, expected_level
 from rotary_error_monitor.gap.normal import own_rest
 from rotary_error_monitor.gap.problem import Columns, LateRows, Rows, SparseRows
 from rotary_error_monitor.gap.slow_noise import Rivals, cosines, in_all, learn_slow_noise
@@ -51,16 +51,6 @@ ENVELOPE = 16
 
 MOMENTS = 40
 """Parts of the recording at whose ends what turns may begin: nearer moments explain nearly the same."""
-
-NOISIER = 0.05
-"""Noise is reported from this much above what the twin states."""
-
-QUIETER = 0.35
-"""Standard deviation of the logarithm of noise that is quieter than stated, over that: in 19 of 20 it is no less than
-half of it, as data sheets state the noise at most."""
-
-SAME_LEVEL = 0.02
-"""Part by which levels of noise may differ and be the same: limits of what is found change as much."""
 
 LEAST_SUMS = 200
 """Sums of neighbouring rows from which their squares tell a level: to 5 %."""
@@ -266,9 +256,9 @@ def _as_stated_or_louder(level: float, tracks: Sequence[Track]) -> float:
 def _as_stated_or_quieter(level: float, tracks: Sequence[Track]) -> float:
     """How many times the stated noise an instrument has at most by what is left, where that is less.
 
-    It is as stated or quieter, each as likely beforehand, the logarithm of a quieter one half-normal (`QUIETER`). Sums
-    of neighbouring rows count where they are surely louder than single ones: errors of rounding are not independent,
-    and a fault is told from such sums. The scatter of the estimate is that from part to part.
+    It is as stated or quieter with the prior of all instruments (`expected_level`). Sums of neighbouring rows count
+    where they are surely louder than single ones: errors of rounding are not independent, and a fault is told from such
+    sums. The scatter of the estimate is that from part to part.
     """
     near = [0.5 * np.square(_differences(track)) for track in tracks]
     most = max([near, *_summed_squares([track.rows for track in tracks])], key=_surely)
@@ -278,11 +268,8 @@ def _as_stated_or_quieter(level: float, tracks: Sequence[Track]) -> float:
     mean = float(np.mean(means)) + 2 * float(np.sqrt(max(float(np.var(means, ddof=1)) - chance, 0.0)))
     if mean * level**2 >= 1.0 or mean == 0.0:
         return 1.0
-    lower = float(np.log(level) + 0.5 * np.log(mean))
     variance = float(np.var(means, ddof=1)) / PARTS / (2 * mean) ** 2
-    both = QUIETER**2 + variance
-    log_odds = np.log(2.0) + 0.5 * (np.log(variance / both) + lower**2 * (1 / variance - 1 / both))
-    return float(np.exp(expit(log_odds) * lower * QUIETER**2 / both))
+    return expected_level(level * float(np.sqrt(mean)), variance).value
 
 
 def _summed_squares(channels: Sequence[Array]) -> Iterator[list[Array]]:

@@ -15,11 +15,13 @@ from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.effect import Cause, Role, Searched, among, values_of
 from rotary_error_monitor.effects.rotor import HEAD, StageEffect
 from rotary_error_monitor.gap.departures import SHARE, Departures, amplitude_sizes, modulated, spread_out
+from rotary_error_monitor.gap.noise_level import NOISIER
 from rotary_error_monitor.gap.problem import Candidate, Columns, Conditions, Finding, Rows, Share, SparseRows
 from rotary_error_monitor.gap.structure import Track
 from rotary_error_monitor.gap.views import View
 from rotary_error_monitor.kinds.stage.admission import check_extent, check_noise, motion_remarks
 from rotary_error_monitor.kinds.stage.another import check_stage, left_out
+from rotary_error_monitor.kinds.stage.arc import Arc
 from rotary_error_monitor.kinds.stage.conditions import stage_conditions
 from rotary_error_monitor.kinds.stage.distortion import distortions
 from rotary_error_monitor.kinds.stage.experiments import advise
@@ -33,7 +35,7 @@ from rotary_error_monitor.kinds.stage.modulations import (
     next_order,
     one_by_one,
 )
-from rotary_error_monitor.kinds.stage.noise_learning import NOISIER, NoiseLearning
+from rotary_error_monitor.kinds.stage.noise_learning import NoiseLearning
 from rotary_error_monitor.kinds.stage.nuisances import Nuisances
 from rotary_error_monitor.kinds.stage.offset import offset_figures
 from rotary_error_monitor.kinds.stage.play import Play, stays
@@ -135,6 +137,7 @@ class StageProblem:
         self._learning = NoiseLearning(self, self._signatures, self._nuisances, self._search, self._expected)
         self._learning.begin(raw)
         self._modulations = StageModulations(self.twin, recording.duration, self.play)
+        self._arc = Arc.of(recording)
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -224,9 +227,11 @@ class StageProblem:
         if goes_by_another_name(cause):
             return Departures(place, (), (), np.zeros(0), {})
         linear, amplitudes = linear_values(cause)
-        sizes, neighbours = amplitude_sizes(cause), neighbouring(cause)
+        sizes, all_around = amplitude_sizes(cause), neighbouring(cause)
+        neighbours = self._arc.neighbours(cause, all_around)
+        places, form_told = not all_around and self._arc.goes_around(cause), self._arc.tells_form(cause)
         around = [self._derivatives(neighbour, linear, ()) for neighbour in neighbours]
-        jumps, slow = self._modulations.jumps(cause), self._modulations.may_wander(cause)
+        jumps, slow = self._modulations.jumps(cause), self._modulations.may_wander(cause) and form_told
         signatures = self._derivatives(cause, linear, causes)
         sudden = jumps or cause.effect.searched is Searched.MOMENT
         kind, say, real = self._no_jumps(cause, causes, signatures) if sudden else ("", stays, {})
@@ -237,8 +242,9 @@ class StageProblem:
             stacked: Signals = {}
             for name in names:
                 signature = signatures[name]
-                modulations = self._modulations.of_state(self.twin.state(name), not neighbours, jumps, slow)
-                modulations += self._modulations.of_size(cause, signature @ amplitudes, name)
+                modulations = self._modulations.of_state(self.twin.state(name), places, jumps, slow)
+                if form_told:
+                    modulations += self._modulations.of_size(cause, signature @ amplitudes, name)
                 beside = [SHARE * sizes * rows[name] for rows in around]
                 beside += [real[name]] if name in real else []
                 stacked[name] = modulated(signature, amplitudes, sizes, modulations, beside)
@@ -255,6 +261,14 @@ class StageProblem:
             white,
             (*(None for _ in kinds), *orders, *[None] * others),
         )
+
+    def independent(self, cause: Cause) -> float:
+        """As `Resembled` asks: of a wave on an arc fewer directions are."""
+        return self._arc.independent(cause)
+
+    def doubt(self, causes: Sequence[Cause]) -> str:
+        """As `Resembled` asks: more orders than an arc tells apart."""
+        return self._arc.doubt(causes, self.channels)
 
     def _no_jumps(
         self, cause: Cause, causes: Sequence[Cause], signatures: Signals

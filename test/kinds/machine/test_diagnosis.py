@@ -59,14 +59,6 @@ def test_what_merely_resembles_an_unknown_effect_is_not_named(machine_problem):
     assert diagnosis.verdict is Verdict.UNKNOWN and not diagnosis.causes
 
 
-def test_scatter_beyond_the_probes_noise_is_told(machine_problem):
-    problem, _ = machine_problem(34, "null", probe_std=PROBE_STD / 1.5)
-    (told,) = (remark for remark in problem.remarks(problem.residual(())) if remark.startswith("probe"))
-    assert float(told.split()[5]) == pytest.approx(1.5, abs=0.1)
-    calm, _ = machine_problem(34, "null")
-    assert not calm.remarks(calm.residual(()))
-
-
 @pytest.mark.parametrize("name", ["cyclic_error", "axis_orientation", "tool_length"])
 def test_derivatives_are_those_of_the_exact_machine(name, machine_problem):
     """Against differences of the exact prediction over steps a thousand times as large, central and extrapolated."""
