@@ -92,7 +92,7 @@ DRAWN := $(addprefix test/,analysis/test_trend.py bags/test_writer.py blind_chec
 	$(addprefix commissioning/test_,command.py travel.py) \
 	$(addprefix faults/test_,all_late.py begin.py calibrated.py common_zero.py ends.py fast_stages.py few_heads.py \
 	gaps.py recordings.py recovery.py responses.py) kinds/quadrature/test_problem.py \
-	$(addprefix kinds/stage/test_,diagnosis.py forces.py) \
+	$(addprefix kinds/stage/test_,arc.py diagnosis.py forces.py) \
 	nodes/test_stage_files.py pipeline/test_common_turns.py)
 MODELS := $(addprefix test/,calibration effects gap kinds machine metrology noise sensors twin)
 
@@ -136,7 +136,7 @@ rates: setup ## rates over many seeds that take too long for `make test` (SWEEPS
 # machine model is compiled for one width of vectors there, which takes a third of the time.
 PYTHON312 ?= python3.12
 IN_312 := $(addprefix test/,bags/test_reader.py codec description/test_wire.py machine/test_kernel.py \
-	metrology/test_encoder_heads.py recordings/test_replay.py signals test_cli.py)
+	metrology/test_encoder_heads.py signals test_cli.py)
 test-python312: ## the same packages with Python 3.12, in build/python312, and a part of the tests there
 	CC='$(CC) -DENTRY=ENTRY_ONCE' $(BESIDE) $(MAKE) --no-print-directory setup VENV=build/python312 PYTHON=$(PYTHON312)
 	AMENT_PREFIX_PATH=$(CURDIR)/build/python312 $(BESIDE) build/python312/bin/python -m pytest -q $(PYTEST_ARGS) $(IN_312)

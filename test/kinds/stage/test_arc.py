@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from draws import seeds
 
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.library import effect_named, load_effects
@@ -75,17 +76,17 @@ def test_waves_of_other_instruments_are_no_sum():
 def test_a_smooth_course_over_an_arc_is_unknown(pulled):
     """The torque of a cable, cubic in the rotation; with orders beside orders 1 and 2 each was explained before."""
     verdicts = {}
-    for seed in range(30, 34):
+    for seed in seeds(6, 30):
         diagnosis = diagnose(pulled(seed, lambda angle: (angle / 1.5) ** 3 - 0.2 * angle, 6e-6))
         verdicts[seed] = diagnosis.verdict.value, [found.cause.key for found in diagnosis.causes]
-    assert sum(verdict == "unknown" for verdict, _ in verdicts.values()) >= 3, verdicts
+    assert sum(verdict == "unknown" for verdict, _ in verdicts.values()) >= 0.75 * len(verdicts), verdicts
 
 
 def test_one_order_over_an_arc_is_told(pulled):
     """In its textbook form: it leaves nothing, which few smooth courses would."""
     right = []
-    for seed in range(40, 43):
+    for seed in seeds(6, 40):
         diagnosis = diagnose(pulled(seed, lambda angle: np.cos(2 * angle + 1.0), 3e-6))
         causes = [found.cause.key for found in diagnosis.causes]
         right.append(diagnosis.verdict is Verdict.EXPLAINED and causes == [("drive_cyclic_error", "order_2")])
-    assert sum(right) >= 2, right
+    assert sum(right) >= 0.75 * len(right), right
