@@ -68,7 +68,7 @@ def sound(seed: int) -> Judgement:
         "All heads are silent for 0.2 s and off alike after it, 20 µrad to 0.4 mrad, as where one card counts for all",
         "`error_estimator: estimate` says how much further apart rotation and command are than before",
         "held against what it was before, at the same angle or at last; a step that the drive does not make takes the "
-        "command away, less counts as uncertainty",
+        "command away, less counts as uncertainty; so does what a delay makes at another speed that was not seen yet",
         "everything but positioning; of less than a quarter of `following_error` everything, positioning with that "
         "uncertainty",
         "when it is as before again, or on a reset",
