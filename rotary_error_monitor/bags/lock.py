@@ -14,7 +14,7 @@ from rotary_error_monitor.errors import InputError
 
 _LOCKS = Path("/proc/locks")
 
-PATIENCE = 10.0
+PATIENCE = 30.0
 """How long a file is waited for, s: what changes a file takes some seconds, but for long identifications."""
 
 PAUSE = 0.05

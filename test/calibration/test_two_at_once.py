@@ -65,7 +65,7 @@ def test_both_sections_are_in_the_file(machine: Path) -> None:
             assert step.stdin is not None
             step.stdin.write("\n")
             step.stdin.flush()
-        texts = [step.communicate(timeout=60)[0] for step in steps]
+        texts = [step.communicate(timeout=120)[0] for step in steps]
         assert [step.returncode for step in steps] == [0, 0], texts
         assert {"EXX", "squareness"} <= calibration_of(machine).keys()
         assert [path.name for path in machine.parent.iterdir()] == ["machine.yaml"]

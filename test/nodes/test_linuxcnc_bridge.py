@@ -720,6 +720,13 @@ SERVO_PERIOD = 1e-3
 """Of the shipped configuration, s."""
 
 
+def narrowest(values, part):
+    """Width of the narrowest interval that holds a part of values."""
+    ascending = np.sort(values)
+    held = math.ceil(part * len(ascending))
+    return (ascending[held - 1 :] - ascending[: len(ascending) - held + 1]).min()
+
+
 @pytest.mark.linuxcnc
 def test_the_command_is_that_of_the_servo_thread_with_its_corrections(cnc):
     """At an even speed each servo period tells the same step, so that what is told says when it was told."""
@@ -755,5 +762,6 @@ def test_the_command_is_that_of_the_servo_thread_with_its_corrections(cnc):
         periods = (angle[even] - angle[even[0]]) / (top * SERVO_PERIOD)
         assert np.abs(periods - np.rint(periods)).max() < 1e-6, "each is what one servo period told"
         late = (times[even] - times[even[0]]) * 1e-9 - np.rint(periods) * SERVO_PERIOD
-        assert np.median(np.abs(late - np.median(late))) < 0.1 * SERVO_PERIOD, "a look at any time has a quarter of it"
+        # of a third of the looks, however late the others came to run on a busy computer
+        assert narrowest(late, 1 / 3) < 0.1 * SERVO_PERIOD, "looks at any time have a third of it"
         assert angle[-1] == pytest.approx(target, abs=1e-8)
