@@ -68,6 +68,7 @@ class OfWhole:
         play: after reversals.
         others: twins with what is not known of the inputs.
         force_noise: of the load cells.
+        arc: within which the rotor turned.
     """
 
     inputs: StageInputs
@@ -76,6 +77,7 @@ class OfWhole:
     play: Play
     others: tuple[OtherTwin, ...]
     force_noise: ForceNoise
+    arc: Arc
 
     @classmethod
     def of(cls, stage: StageDescription, recording: StageRecording, twin: StageTwin) -> OfWhole:
@@ -83,7 +85,7 @@ class OfWhole:
         others = (*uncertain_warmings(twin, recording), *uncertain_forces(twin, recording))
         steps, play = steps_of(stage, recording), Play(twin.inputs, recording.duration)
         noise = ForceNoise.of(twin, recording)
-        return cls(twin.inputs, steps, stage_conditions(recording), play, others, noise)
+        return cls(twin.inputs, steps, stage_conditions(recording), play, others, noise, Arc.of(recording))
 
 
 class StageProblem:
@@ -137,7 +139,7 @@ class StageProblem:
         self._learning = NoiseLearning(self, self._signatures, self._nuisances, self._search, self._expected)
         self._learning.begin(raw)
         self._modulations = StageModulations(self.twin, recording.duration, self.play)
-        self._arc = Arc.of(recording)
+        self._arc = whole.arc
 
     @property
     def channels(self) -> tuple[str, ...]:

@@ -77,7 +77,7 @@ class LongStageProblem(StageProblem):
             self._stretches.append(_Stretch(stage, pieces[i], effects, known, whole))
             self._stretches[-1].forget()
         self._opened = 0
-        self.noise = self._stretches[0].noise
+        self.noise, self._arc = self._stretches[0].noise, whole.arc
         self._channels = tuple(dict.fromkeys(c for s in self._stretches for c in s.channels))
         self._times = self._joined_times()
         self.conditions = self._stretched(whole.conditions, bounds, read)
