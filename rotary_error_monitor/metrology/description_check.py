@@ -220,7 +220,8 @@ class FigureCheck:
         that explains is no finding.
         """
         any_new, counts = False, self._count
-        for theta, here, said, off in zip(thetas, seen, described, apart or repeat(0.0), strict=apart is not None):
+        offs = repeat(0.0) if apart is None else apart
+        for theta, here, said, off in zip(thetas, seen, described, offs, strict=apart is not None):
             place = _place(theta)
             new = counts[place] == 0
             if place != self._last:

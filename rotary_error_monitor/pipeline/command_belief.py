@@ -10,7 +10,7 @@ from itertools import pairwise
 from statistics import median
 
 from rotary_error_monitor.description.stage import StageDescription
-from rotary_error_monitor.pipeline.evidence import LONG, SHORT, Reach, Window, Windows
+from rotary_error_monitor.pipeline.evidence import LONG, SHORT, SIGMAS, Reach, Window, Windows
 from rotary_error_monitor.pipeline.head_belief import AGREEMENT
 from rotary_error_monitor.pipeline.ring_belief import ABSENT
 from rotary_error_monitor.pipeline.speed_slope import SpeedSlope
@@ -23,9 +23,6 @@ STEADY = 0.25
 
 RETURNED = 0.3
 """Part of a step, or of what a delay makes, within which the distance counts as back where it was."""
-
-SIGMAS = 6.0
-"""Standard deviations within which what cannot be told counts as uncertainty."""
 
 STANDS = 1e-3
 """Part of the way that it should have gone by which a command has gone at most if it stands."""

@@ -21,6 +21,9 @@ WINDOW_NS = 10_000_000
 SHORT, LONG = 10, 100
 """Windows over which what is seen in one is averaged beside it: 0.1 s and 1 s."""
 
+SIGMAS = 6.0
+"""Standard deviations that noise does not reach in years."""
+
 PERSISTENT = 3
 """Windows out of the last `SHORT` in which something is beyond its limit that make it more than a passing glitch."""
 

@@ -9,7 +9,7 @@ from operator import sub
 
 from rotary_error_monitor.description.stage import Encoder, StageDescription
 from rotary_error_monitor.metrology.description_check import MIRRORED, Claim, FigureCheck, departure
-from rotary_error_monitor.pipeline.evidence import LONG, SHORT, Window, Windows
+from rotary_error_monitor.pipeline.evidence import LONG, SHORT, SIGMAS, Window, Windows
 from rotary_error_monitor.pipeline.head_belief import AGREEMENT
 from rotary_error_monitor.pipeline.speed_slope import SpeedSlope
 
@@ -19,9 +19,6 @@ the one that is described."""
 
 MORE = 1.0 + 1e-9
 """By which a sum over some windows must be beyond a limit if that over all is to be for sure: both are rounded."""
-
-SIGMAS = 6.0
-"""Standard deviations of stamps that are never apart by more."""
 
 TURN_ORDERS = 3
 """Orders of the rotation beside which the ring's way over the speed is seen: eccentricity, and what a rotor that swings

@@ -11,14 +11,11 @@ from operator import sub
 from rotary_error_monitor.description.stage import Autocollimator, StageDescription
 from rotary_error_monitor.metrology.description_check import DARK, MIRRORED, Claim, FigureCheck, Finding, departure
 from rotary_error_monitor.metrology.repeated_readings import run_by_chance
-from rotary_error_monitor.pipeline.evidence import LONG, SHORT, Reach, Window, Windows
+from rotary_error_monitor.pipeline.evidence import LONG, SHORT, SIGMAS, Reach, Window, Windows
 from rotary_error_monitor.pipeline.head_belief import AGREEMENT, distance
 from rotary_error_monitor.pipeline.tilt_look import Look, bounds_of, mean_of
 from rotary_error_monitor.pipeline.trailing import Trailing
 from rotary_error_monitor.pipeline.usual_level import UsualLevel
-
-SIGMAS = 6.0
-"""Standard deviations that noise does not reach in years."""
 
 _ROOT = math.sqrt(2.0)
 

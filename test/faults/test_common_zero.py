@@ -24,8 +24,8 @@ def some(place: int) -> range:
 
 
 DURATION, BEGIN, GAP = 10.0, 5.0, 0.2
-EARLIEST = 0.7
-"""Time of a silence, s, from which on a recording shows enough of what was before it."""
+EARLY = 0.7, 1.2
+"""Times of a silence, s, before which a recording shows enough, but little more than a second."""
 
 MOTIONS = ("steady", "both_directions", "s_curves", "creep", "indexing")
 
@@ -77,19 +77,24 @@ def sound(seed: int) -> Judgement:
 @pytest.mark.parametrize(("place", "off"), list(enumerate([2e-5, -6e-5, 3e-4, -4e-4])))
 def test_counts_that_all_heads_lost_in_a_silence_are_not_believed(place, off):
     seeds = some(place)
-    begins = {seed: float(np.random.default_rng([seed, place]).uniform(EARLIEST, BEGIN)) for seed in seeds}
-    found = {seed: judged(seed, off, begin=begins[seed]) for seed in seeds}
-    wrong = {seed: (dict(each.wrong), each.doubted) for seed, each in found.items() if each.worst > MOST_WRONG}
+    begins = {}
+    for seed in seeds:
+        draw = np.random.default_rng([seed, place])
+        begins |= {
+            (seed, early): float(draw.uniform(*(EARLY if early else (EARLY[1], BEGIN)))) for early in (True, False)
+        }
+    found = {case: judged(case[0], off, begin=begin) for case, begin in begins.items()}
+    wrong = {case: (dict(each.wrong), each.doubted) for case, each in found.items() if each.worst > MOST_WRONG}
     assert not wrong
-    healthy = {seed: judged(seed, 0.0, begin=begins[seed]) for seed in seeds}
+    healthy = {case: judged(case[0], 0.0, begin=begin) for case, begin in begins.items()}
     for name in ("exc", "eac"):
-        lost = [healthy[seed].available[name] - found[seed].available[name] for seed in seeds]
+        lost = [healthy[case].available[name] - found[case].available[name] for case in begins]
         assert max(lost) < 0.05 + GAP / DURATION, (name, lost)
 
 
 def test_a_silence_without_loss_costs_nothing_but_itself():
     for seed in some(0):
-        begin = float(np.random.default_rng(seed).uniform(EARLIEST, BEGIN))
+        begin = float(np.random.default_rng(seed).uniform(EARLY[0], BEGIN))
         found, without = judged(seed, 0.0, begin=begin), sound(seed)
         assert not found.doubted and found.worst <= MOST_WRONG
         assert found.available["ecc"] > without.available["ecc"] - (GAP + 0.4) / DURATION

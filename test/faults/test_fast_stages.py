@@ -13,8 +13,8 @@ from faults.recordings import MOST_WRONG
 
 STAGES = seeds(15)
 DURATION = 8.0
-FASTEST = 60.0
-"""Speed up to which stages are drawn, rad/s."""
+SPEEDS = 25.0, 60.0
+"""Highest speeds that are drawn, rad/s: two to twenty readings of a slow autocollimator in a turn."""
 
 STATED = 0.01
 """Part of the ticks of one stage at which a tilt may be off by more than is stated all the same: an order that goes
@@ -30,7 +30,7 @@ def found(number: int) -> Judgement:
 
 def speed(number: int) -> float:
     """Highest speed of a stage, rad/s."""
-    return float(np.random.default_rng([number, 60]).uniform(5.0, FASTEST))
+    return float(np.random.default_rng([number, 60]).uniform(*SPEEDS))
 
 
 def test_what_is_published_of_a_fast_stage_is_as_sure_as_is_stated():
