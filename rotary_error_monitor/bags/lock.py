@@ -15,11 +15,11 @@ from rotary_error_monitor.errors import InputError
 _LOCKS = Path("/proc/locks")
 
 PATIENCE = 30.0
-"""How long a file is waited for, s. What changes one takes a second or two, but for long identifications; where it got a
-twentieth of a busy processor, more than ten were seen, and a person who waits sees for what only once this is over."""
+"""How long a file is waited for, s. What changes one takes two seconds, but for long identifications; where it had a
+tenth of a busy processor, more than ten were seen."""
 
 PAUSE = 0.05
-"""From one look at the lock to the next, s: too short for a person to notice, and next to no load over half a minute."""
+"""From one look at the lock to the next, s: too short for a person to notice, and next to no load."""
 
 
 class LockedError(InputError):

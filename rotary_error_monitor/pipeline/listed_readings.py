@@ -17,8 +17,7 @@ from rotary_error_monitor.metrology.error_motion import (
     reading_variance,
 )
 from rotary_error_monitor.metrology.rigid_motion import LEAST_VARIANCE
-from rotary_error_monitor.pipeline.evidence import INDEX
-from rotary_error_monitor.pipeline.tilt_belief import SIGMAS
+from rotary_error_monitor.pipeline.evidence import INDEX, SIGMAS
 from rotary_error_monitor.pipeline.verdict import DOUBTS
 from rotary_error_monitor.sensors.library import listed_fields, listed_sensitivity
 from rotary_error_monitor.signals.resampling import Resampled

@@ -18,11 +18,10 @@ from rotary_error_monitor.metrology.agreement import chi_square_bound
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.metrology.periodic_curves import curve_in_radial
 from rotary_error_monitor.metrology.responses import distortion_variance
-from rotary_error_monitor.pipeline.evidence import INDEX, WINDOW_NS
+from rotary_error_monitor.pipeline.evidence import INDEX, SIGMAS, WINDOW_NS
 from rotary_error_monitor.pipeline.kernel import Stated, chosen_kernel
 from rotary_error_monitor.pipeline.ring_belief import ABSENT
 from rotary_error_monitor.pipeline.ticks import AUTOCOLLIMATOR, COMMAND
-from rotary_error_monitor.pipeline.tilt_belief import SIGMAS
 from rotary_error_monitor.pipeline.verdict import DOUBTS, Verdict
 
 _UNCERTAIN = ("head_scale", "tilt_scale", "lag", "unresolved", "unresolved_tilt")
