@@ -274,7 +274,7 @@ class FigureCheck:
         seen, described, turned = known if angles == BINS else known[:, np.array(self._count) > 0]
         left = seen - described
         off = sum(apart**2 for apart, count in zip(self._apart, self._count, strict=True) if count)
-        least = angles * self._noise**2 + off
+        least = angles * self._noise**2
         total = max(_square(left), least)
         # not `mean`, which takes as long as all the rest of this
         vector = complex(np.add.reduce(left / turned) / angles) if angles >= FEWEST else 0j
@@ -287,15 +287,19 @@ class FigureCheck:
         rivals = [] if self._explain_nothing(seen, described, total) else self._wrong_readings(seen, described)
         rivals += self._fitted(seen, described, vector * turned, vector)
         for name, square, freedom, difference, shown in rivals:
-            explained = 1.0 - max(square, least) / total
             # what was fitted pays for its freedom (Schwarz 1978)
-            odds = -freedom * math.log1p(-explained) - (angles - freedom) * penalty
+            odds = freedom * math.log(total / max(square, least)) - (angles - freedom) * penalty
             if odds < IMPOSSIBLE:
                 continue
             self.unresolved = max(self.unresolved, difference * math.sqrt(_probability(odds)))
-            if odds >= highest and explained >= LEAST_PART and difference > self._fixed:
+            # what stamps may make leaves open which of both it is, and accuses nobody
+            explained = 1.0 - max(square, least + off) / total
+            if explained < LEAST_PART or difference <= self._fixed:
+                continue
+            odds = -freedom * math.log1p(-explained) - (angles - freedom) * penalty
+            if odds >= highest:
                 best, highest = Finding(name, math.sqrt(total / angles), explained, shown), odds
-        return None if best is None or best.left < FINDING * math.sqrt(least / angles) else best
+        return None if best is None or best.left < FINDING * math.sqrt((least + off) / angles) else best
 
     def _explain_nothing(self, seen: Array, described: Array, total: float) -> bool:
         """Whether no mistake has any probability beside a description that leaves a `total` sum of squares, for sure.

@@ -84,7 +84,8 @@ class Estimator:
         self._judged_bits = sum(bit for name, bit in self._bits.items() if name not in stage.sensors)
         self._head_bits = sum(self._bits[name] for name in self._heads)
         self._common_turns = CommonTurns({name: self._bits[name] for name in self._heads})
-        self._repetition = None if decisions is None else Repetition(decisions, self._bits, tuple(self._streams))
+        heads = self._head_bits
+        self._repetition = None if decisions is None else Repetition(decisions, self._bits, tuple(self._streams), heads)
         self._layouts: dict[HeadLayout, tuple[int, ...]] = {}
         period_ns, limit = self._settings.period_ns, self._settings.disagreement_limit
         self._ticks = TickMaker(stage, self._heads, self._bits, period_ns * 1e-9)

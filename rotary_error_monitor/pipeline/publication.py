@@ -18,7 +18,7 @@ from rotary_error_monitor.metrology.agreement import chi_square_bound
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.metrology.periodic_curves import curve_in_radial
 from rotary_error_monitor.metrology.responses import distortion_variance
-from rotary_error_monitor.pipeline.evidence import INDEX, SIGMAS, WINDOW_NS
+from rotary_error_monitor.pipeline.evidence import EVERYWHERE, INDEX, SIGMAS, WINDOW_NS
 from rotary_error_monitor.pipeline.kernel import Stated, chosen_kernel
 from rotary_error_monitor.pipeline.ring_belief import ABSENT
 from rotary_error_monitor.pipeline.ticks import AUTOCOLLIMATOR, COMMAND
@@ -95,6 +95,9 @@ class Believed:
 
     def repeat(self, place: int, decision: Decision) -> None:
         """A live run decided at one tick: what it did not use is not used, what it found uncertain is as uncertain."""
+        self.excluded[place] = ~decision.streams
+        for name in ("tilt", "ecc"):  # what was out of its reach was not used
+            self.reach[name][place] = EVERYWHERE
         if decision.doubts is None:
             return
         # which heads there were, and which of them might have lost counts, the live run knew

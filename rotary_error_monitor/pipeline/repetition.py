@@ -28,9 +28,17 @@ class Repetition:
             follow from what the recording has.
     """
 
-    def __init__(self, decisions: Decisions, bits: Mapping[str, int], streams: Sequence[str]) -> None:
-        """Repeat `decisions`, by stamp (ns) of a tick; `bits` are those in masks of what may be in `streams`."""
+    def __init__(self, decisions: Decisions, bits: Mapping[str, int], streams: Sequence[str], heads: int) -> None:
+        """Repeat `decisions`, by stamp (ns) of a tick.
+
+        Args:
+            decisions: what a live run published.
+            bits: bits in masks of what may be in `streams`.
+            streams: by their names.
+            heads: bit mask of the heads.
+        """
         self._decisions, self._bits, self._streams = decisions, bits, tuple(streams)
+        self._head_bits = heads
         self.begin_ns = self.reach_ns = 0
         self.unrepeated: dict[str, list[NDArray[np.int64]]] = {}
 
@@ -60,7 +68,9 @@ class Repetition:
     def choose(
         self, ticks: NDArray[np.int64], there: NDArray[np.int64], own: NDArray[np.int64]
     ) -> tuple[NDArray[np.int64], dict[int, Decision]]:
-        """Streams to use at ticks (m,), and the decisions to repeat by the place of their tick.
+        """Streams that tell something at ticks (m,), and the decisions to repeat by the place of their tick.
+
+        What is not of a head was judged live at every tick, also where a tick did not rest on it in the end.
 
         Args:
             ticks: (m,) timestamps (ns).
@@ -75,7 +85,7 @@ class Repetition:
             place: decision for place, decision in enumerate(found) if decision is not None and lacking[place] == 0
         }
         for place, decision in decided.items():
-            used[place] = decision.streams
+            used[place] = decision.streams | own[place] & ~self._head_bits
         return used, decided
 
     def note(self, ticks: NDArray[np.int64], there: NDArray[np.int64]) -> NDArray[np.bool_]:
