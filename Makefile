@@ -71,7 +71,7 @@ MODEL_RATES := $(addprefix test/,blind_check analysis/test_trend.py benchmark/te
 	$(addprefix kinds/stage/test_,arc.py diagnosis.py no_gap.py stretches.py without_heads.py) \
 	$(addprefix metrology/test_,axis_fits.py description_check.py) cases/test_cases.py)
 # Rates that take longest are for whoever changes what they are of, and before a release: `make rates`.
-SWEEPS := $(addprefix test/,$(addprefix analysis/test_,motion.py probes.py) benchmark/test_ablation.py \
+SWEPT := $(addprefix test/,$(addprefix analysis/test_,motion.py probes.py) benchmark/test_ablation.py \
 	$(addprefix calibration/test_,assembly_contradictions.py assembly_table_rates.py axis_table_rates.py \
 	flatness_bound_rates.py flatness_bounds.py machine_sweep.py straightness_contradictions.py straightness_rates.py \
 	straightness_sweep.py) $(addprefix cases/test_,departures.py mimics.py) \
@@ -85,7 +85,7 @@ SWEEPS := $(addprefix test/,$(addprefix analysis/test_,motion.py probes.py) benc
 	$(addprefix pipeline/test_,listed_sensors.py listed_tilt.py stage_files.py) \
 	$(addprefix recordings/test_,compare_bounds.py compare_rates.py) \
 	$(addprefix reproduction/test_,lou2019.py pan2013.py pan2013_rates.py zhou2023.py))
-RATES := $(CELL_RATES) $(MODEL_RATES) $(SWEEPS)
+RATES := $(CELL_RATES) $(MODEL_RATES) $(SWEPT)
 # `make test` takes a third of the random stages that these draw (test/draws.py), `make rates` all of them.
 DRAWN := $(addprefix test/,analysis/test_trend.py bags/test_writer.py blind_check/test_blind_check.py \
 	$(addprefix calibration/test_,axis_table.py collimator_rates.py) cases/test_cases.py \
@@ -96,7 +96,8 @@ DRAWN := $(addprefix test/,analysis/test_trend.py bags/test_writer.py blind_chec
 	nodes/test_stage_files.py pipeline/test_common_turns.py)
 MODELS := $(addprefix test/,calibration effects gap kinds machine metrology noise sensors twin)
 
-PYTEST = -m pytest $(PYTEST_ARGS) $(addprefix --ignore=,$(1)) $(2)
+# What is marked `long` shows in minutes what others show in seconds: it is for `make rates`, and SWEEPS=1 make test-live.
+PYTEST = -m pytest $(PYTEST_ARGS) $(if $(SWEEPS),,-m 'not long') $(addprefix --ignore=,$(1)) $(2)
 # Coverage takes half as long again as the tests alone: COVERAGE=no leaves it out, as continuous integration does.
 COVERAGE ?= yes
 MEASURED := $(filter yes,$(COVERAGE))
@@ -130,12 +131,13 @@ test-others-rates:
 	$(BESIDE) $(BIN)/python $(call PYTEST,,$(CELL_RATES))
 
 rates: setup ## rates over many seeds that take too long for `make test` (SWEEPS=1 make test-live: all of a newcomer's cases)
-	SWEEPS=1 $(BIN)/python $(call PYTEST,,$(SWEEPS) $(DRAWN))
+	SWEEPS=1 $(BIN)/python -m pytest $(PYTEST_ARGS) $(SWEPT) $(DRAWN)
+	SWEEPS=1 $(BIN)/python -m pytest $(PYTEST_ARGS) -m long $(addprefix --ignore=,$(LIVE) $(SWEPT) $(DRAWN)) test
 
 # What computes without processes, and beside it the nodes' life cycle, whose processes have to answer in time.
 # The machine model, which uses nothing of Python, is compiled for one width of vectors there: in a third of the time.
 PYTHON312 ?= python3.12
-IN_312 := $(addprefix test/,bags/test_reader.py codec description/test_wire.py metrology/test_encoder_heads.py signals test_cli.py)
+IN_312 := $(addprefix test/,bags/test_reader.py codec description/test_wire.py metrology/test_encoder_heads.py signals/test_resampling.py test_cli.py)
 test-python312: ## the same packages with Python 3.12, in build/python312, and a part of the tests there
 	CC='$(CC) -DENTRY=ENTRY_ONCE' $(BESIDE) $(MAKE) --no-print-directory setup VENV=build/python312 PYTHON=$(PYTHON312)
 	AMENT_PREFIX_PATH=$(CURDIR)/build/python312 $(BESIDE) build/python312/bin/python -m pytest -q $(PYTEST_ARGS) $(IN_312)

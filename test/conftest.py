@@ -8,6 +8,7 @@ import shutil
 import signal
 import sys
 import tomllib
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -25,7 +26,9 @@ from rotary_error_monitor.plant import instruments
 from rotary_error_monitor.sensors import library
 from rotary_error_monitor.twin.recording import record_stage
 
-hypothesis.settings.register_profile("shared computer", deadline=None)  # an example takes what else runs leaves it
+# An example takes what else runs leaves it; `make rates` tries twice as many.
+EXAMPLES = 100 if os.environ.get("SWEEPS") else 50
+hypothesis.settings.register_profile("shared computer", deadline=None, max_examples=EXAMPLES)
 hypothesis.settings.load_profile("shared computer")
 
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job, and all it starts, would ignore it
@@ -51,6 +54,18 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     folders = case_folders(*marker.args)[: marker.kwargs.get("most")]
     absent = pytest.param(None, id="absent", marks=pytest.mark.skip(reason=f"no cases in {CASES / marker.args[0]}"))
     metafunc.parametrize("case", [pytest.param(folder, id=folder.name) for folder in folders] or [absent])
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Of a test marked `few(count)` all cases but the first so many are marked `long`."""
+    seen = Counter[tuple[str, str]]()
+    for item in items:
+        if marker := item.get_closest_marker("few"):
+            test = item.nodeid.partition("[")[0], str(item.parent)
+            seen[test] += 1
+            if seen[test] > marker.args[0]:
+                item.add_marker("long")
 
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:

@@ -138,6 +138,7 @@ def test_a_stream_that_the_live_run_used_and_the_bag_lacks(recording, tmp_path, 
         assert np.isfinite(found["tool_offset"][:, 0]).sum() > 0.95 * offsets
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("since", "until"), [(6.0, DURATION), (3.0, 5.0)])
 def test_a_head_that_falls_silent_in_the_recording_alone(recording, tmp_path, since, until):
     write_messages(tmp_path / "bag", without(recording, HEAD_D, since, until), WIRE)
@@ -157,6 +158,7 @@ def test_a_head_that_falls_silent_in_the_recording_alone(recording, tmp_path, si
     assert (f"{HEAD_D}: no sample in the last" if until == DURATION else f"{HEAD_D}: 2000 samples") in text
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("gone", ["heads", "all sensors"])
 @pytest.mark.parametrize(("since", "until"), [(14.0, DURATION), (9.0, 12.0)])
 def test_estimates_that_are_not_given_at_all(recording, tmp_path, capsys, gone, since, until):
@@ -194,6 +196,7 @@ def test_joint_states_that_the_bag_lacks(recording, tmp_path):
     assert "the live run used joint states that the bag lacks" in " ".join(result.remarks)
 
 
+@pytest.mark.long
 def test_a_recording_that_begins_in_mid_run(recording, tmp_path):
     """Its first ticks rest on samples from before it: they are left out, and that is no remark."""
     late = {
@@ -246,6 +249,7 @@ def test_counts_that_do_not_fit_are_said(recording, tmp_path):
     assert "another number of messages than metadata.yaml says" in remark
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("lack", ["nothing", "half a head", "a file"])
 def test_a_diagnosis_says_what_the_recording_lacks(recording, tmp_path, capsys, lack):
     bag = tmp_path / "bag"
@@ -279,6 +283,7 @@ def test_a_recovery_says_what_the_recording_lacks(recording, tmp_path, capsys):
     assert f"{HEAD_D}: no sample in the last 12.0 s of 24.0 s" in capsys.readouterr().err
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("published", [False, True], ids=["samples alone", "with what was published"])
 @pytest.mark.parametrize("behind", [0, 3600], ids=["one clock", "recorder an hour behind"])
 @pytest.mark.parametrize("place", ["middle", "last", "all"])

@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 import subprocess
 from collections import Counter
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
+LONG = tuple(f"@pytest.mark.{word}" for word in ("long", "few("))
 PARTS = ("test-live", "test-models", "test-others", "test-models-rates", "test-others-rates")
 
 
 def is_below(path, places):
     return any(path == place or place in path.parents for place in places)
+
+
+def is_long(file: Path) -> bool:
+    """Whether `make test` leaves out some tests of the file."""
+    text = (ROOT / file).read_text()
+    return any(word in text for word in LONG)
 
 
 def files_run_by(*parts: str) -> Counter[Path]:
@@ -25,14 +33,25 @@ def files_run_by(*parts: str) -> Counter[Path]:
         taken = [Path(word) for word in words if word.startswith("test/")] or [Path("test")]
         left_out = [Path(word.removeprefix("--ignore=")) for word in words if word.startswith("--ignore=")]
         assert all((ROOT / place).exists() for place in (*taken, *left_out)), "a path that is not there"
+        if "long" in words:  # single tests of files whose others `make test` runs
+            taken = [file for file in files if is_long(file) and is_below(file, taken)]
         count.update(file for file in files if is_below(file, taken) and not is_below(file, left_out))
     count.update(dict.fromkeys(files, 0))
     return count
 
 
 def test_every_file_of_tests_is_run_once():
-    """By `make test` or by `make rates`; by both where that takes more random stages than this."""
-    short, long = files_run_by(*PARTS), files_run_by("rates")
+    """By `make test` or by `make rates`; by both where that takes more random stages, or single tests that are long."""
+    short, long, live = files_run_by(*PARTS), files_run_by("rates"), files_run_by("test-live")
     drawn = {file for file in short if short[file] and "\nfrom draws import" in (ROOT / file).read_text()}
+    partly = {file for file in short if short[file] and not live[file] and is_long(file)}
     assert {file for file in short if (short[file], long[file]) not in ((1, 0), (0, 1), (1, 1))} == set()
-    assert {file for file in short if short[file] and long[file]} == drawn
+    assert {file for file in short if short[file] and long[file]} == drawn | partly
+
+
+def test_what_make_test_leaves_out_of_the_live_tests_is_run_with_sweeps():
+    command = ["make", "-n", "test-live"]
+    assert "-m 'not long'" in subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout
+    sweeps = dict(os.environ, SWEEPS="1")
+    found = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True, env=sweeps).stdout
+    assert "-m pytest" in found and "not long" not in found

@@ -69,6 +69,7 @@ def test_every_node_is_an_executable(prefix):
     assert installed == {*node_names(), PACKAGE}
 
 
+@pytest.mark.few(6)
 @pytest.mark.parametrize("name", node_names())
 def test_an_installed_executable_starts_and_ends_with_0_on_sigint(prefix, name, tmp_path):
     with own_domain() as domain:

@@ -15,6 +15,7 @@ from rotary_error_monitor.commissioning.streams import Recorded, StreamFigures
 from rotary_error_monitor.commissioning.units import RADIAN, Unit
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.metrology.distributions import chi_square_tail
+from rotary_error_monitor.pipeline.estimator_settings import MAX_GAP
 from rotary_error_monitor.units import ANGLE_UNITS
 
 SIGMAS = 4.0
@@ -95,6 +96,7 @@ def findings_of(
         )
     yield from _azimuths(stage, found, likeliest.layout, azimuth_std)
     yield from _clocks(stage, found)
+    yield from _latencies(found)
     # where the hand is among what is not told apart it has been said
     if found.tilt is not None and all(each.layout.mirrored == found.tilt.mirrored for each in others):
         yield from _tilt(stage, found.tilt)
@@ -269,6 +271,20 @@ def _clocks(stage: StageDescription, found: Found) -> Iterator[Finding]:
                 f"{limit * 1e3:g} ms: the drive lags, or all heads are stamped late, which is not told",
                 settled=False,
                 advice="state the lag in limits.latency if it is the drive's, or a latency of all heads",
+            )
+
+
+def _latencies(found: Found) -> Iterator[Finding]:
+    """Instruments that are very late: what they read is put right, how old every estimate is by them cannot be."""
+    streams = [(f"head {letter}", head.latency) for letter, head in found.heads.items()]
+    streams += [("command", found.command.latency)] if found.command is not None else []
+    streams += [("autocollimator", found.tilt.latency)] if found.tilt is not None else []
+    for name, late in streams:
+        if late.value > max(SIGMAS * late.std, MAX_GAP):
+            yield Finding(
+                f"{name} is stamped {late.value * 1e3:.3g} ms later than the earliest instrument: every estimate waits "
+                "as long for it; does its driver stamp when it hands on instead of when it measures?",
+                settled=True,
             )
 
 

@@ -30,6 +30,7 @@ def estimates_of(stamps, theta, motion, noise=2e-8):
     return Estimates(stamps, theta, components, covariance, unresolved, np.ones(count), np.ones(count, np.bool_))
 
 
+@pytest.mark.long
 def test_drift_with_temperature_is_inside_its_uncertainty():
     inside, count = 0, 0
     for seed in range(30):

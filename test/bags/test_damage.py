@@ -121,6 +121,7 @@ def check_recovered(folder: Path, content: bytes, least: Counter[Message], what:
     assert BagReader(folder).damage is None, what
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("part", range(3))
 def test_a_bag_that_was_closed_and_is_damaged_anywhere(original, damaged, part) -> None:
     content = (original / "bag_0.mcap").read_bytes()
@@ -129,6 +130,7 @@ def test_a_bag_that_was_closed_and_is_damaged_anywhere(original, damaged, part) 
         check_recovered(damaged(changed), changed, spared(content, start, end), (seed, kind, start, end))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("part", range(2))
 def test_a_bag_without_its_end_that_is_damaged_anywhere_but_at_its_end(original, damaged, part) -> None:
     """Its first chunk names the topics, and the last, without its end, has a checksum that nobody can form."""

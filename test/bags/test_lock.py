@@ -111,6 +111,7 @@ def test_the_lock_goes_with_a_killed_recorder(tmp_path: Path) -> None:
     assert sorted(path.name for path in bag.iterdir()) == ["bag_0.mcap", "metadata.yaml"]
 
 
+@pytest.mark.long
 def test_no_moment_is_left_at_which_a_recovery_harms_a_recording(tmp_path: Path) -> None:
     """Recoveries one after the other, from before the bag is there until its recorder is killed."""
     for attempt in range(8):

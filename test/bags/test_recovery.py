@@ -70,6 +70,7 @@ def _numbers(bag: Path) -> list[int]:
     )
 
 
+@pytest.mark.long
 def test_a_file_cut_anywhere_gives_all_before_the_cut(bag: Path) -> None:
     file = _file(bag)
     content = file.read_bytes()

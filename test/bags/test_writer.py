@@ -163,6 +163,7 @@ def test_what_came_a_second_before_a_kill_can_be_read(tmp_path: Path, seed: int,
     assert [row[1] for row in read_by_rosbags(folder)] == [row[1] for row in read_by_mcap(folder)] == times
 
 
+@pytest.mark.long
 def test_a_file_that_may_not_grow_keeps_what_was_written(tmp_path: Path) -> None:
     folder = tmp_path / "bag"
     done = subprocess.run(

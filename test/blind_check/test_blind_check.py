@@ -93,6 +93,7 @@ def test_a_process_that_makes_cases_cannot_be_sealed():
         seal_process()
 
 
+@pytest.mark.long
 def test_causes_hold_at_speeds_never_seen(tmp_path):
     (plan,) = (p for p in plan_cases(11, 6, ("stage",), (False,)) if p.group == "new speed")
     case = make_stage_case(12, "single", ["unbalance"])
@@ -179,6 +180,7 @@ def test_the_plan_of_the_special_groups():
     assert plans == plan_cases(5, 60, ("stage", "machine"), (False, True), groups)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("group", ["variant", "loud", "mimic", "noise"])
 def test_the_solver_is_given_bag_and_twin_and_never_the_truth(group, tmp_path):
     for plan in plan_cases(8, 2, ("stage", "machine"), (False,), (group,)):
@@ -308,6 +310,7 @@ def test_the_expected_calibration_error_is_that_of_the_bins():
     assert error in named
 
 
+@pytest.mark.long
 def test_every_special_case_of_many_seeds_is_made():
     plans = plan_cases(21, 1 + ALL, ("stage", "machine"), (False, True), ("variant", "loud", "mimic", "noise"))
     assert len(plans) >= 10 * (1 + ALL)
@@ -326,6 +329,7 @@ def test_every_special_case_of_many_seeds_is_made():
         assert (case.truth.resemblance is not None) == (plan.group == "mimic")
 
 
+@pytest.mark.long
 def test_a_seed_that_draws_no_such_case_makes_way_for_the_next(monkeypatch):
     """One of 100 plans ended a whole run: its fault departed by no mechanism that showed."""
     tried = []

@@ -89,6 +89,7 @@ def test_outcomes_of_several_runs_are_taken_together(tmp_path, capsys):
     ) in capsys.readouterr().out
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("count", [3, 30, 300])
 def test_the_error_by_chance_is_the_mean_of_that_of_calibrated_statements(count):
     draw = np.random.default_rng(count)

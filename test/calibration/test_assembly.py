@@ -178,6 +178,7 @@ def test_the_uncertainty_that_was_found_is_that_of_the_description(tmp_path: Pat
     assert load_stage(stage).uncertainty == {**found, "mirror.tilt": 1e-5}, "what is stated counts before"
 
 
+@pytest.mark.long
 def test_the_history_has_an_end(tmp_path: Path, stage: Path) -> None:
     bag = simulated(tmp_path)
     for _ in range(12):

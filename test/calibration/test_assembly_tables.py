@@ -65,6 +65,7 @@ def test_curves_are_written_beside_the_stage_file(
     assert "graduation_uncertainty" not in found["calibration"]["encoder"]["figures"]
 
 
+@pytest.mark.long
 def test_orders_and_curves_follow_one_another(tmp_path: Path, stage: Path) -> None:
     """What was there before goes to the history, with the file of an earlier curve still there."""
     assert calibrate(simulated(tmp_path), stage, "--as", "table", *IDEAL) == 0
@@ -82,6 +83,7 @@ def test_orders_and_curves_follow_one_another(tmp_path: Path, stage: Path) -> No
     assert len(list(tmp_path.glob("stage_graduation_*.csv"))) == 3
 
 
+@pytest.mark.long
 def test_what_these_heads_cannot_see_of_a_curve_stays(
     tmp_path: Path, stage: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -105,6 +107,7 @@ def test_what_these_heads_cannot_see_of_a_curve_stays(
         np.testing.assert_allclose([row["cos"], row["sin"]], truth[4], atol=2e-8)
 
 
+@pytest.mark.long
 def test_a_ring_that_is_another_one_than_its_curve_says_is_told(
     tmp_path: Path, stage: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -150,6 +153,7 @@ def test_a_copy_elsewhere_lacks_the_curves_beside_the_file(
     assert not list(out.parent.iterdir())
 
 
+@pytest.mark.long
 def test_bounds_hold_the_truth_as_often_as_they_say() -> None:
     """Of 12 drawn calibrations; of many more in `test_assembly_table_rates.py`.
 

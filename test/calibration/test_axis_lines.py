@@ -171,6 +171,7 @@ def test_without_zero_axes_are_located_against_the_first_one(tmp_path: Path) -> 
     np.testing.assert_allclose(found.rotation, truth.tilt_c, rtol=0, atol=2e-9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("with_zero", [True, False])
 def test_errors_are_as_large_as_the_uncertainty_says(tmp_path: Path, with_zero: bool) -> None:
     """A tracker that errs by 1 µm each way, many times: errors over their uncertainty scatter by one."""

@@ -39,6 +39,7 @@ def off(found, detector):
 GRID = np.array([(x, y) for x in np.arange(-90.0, 91.0, 30.0) for y in np.arange(-90.0, 91.0, 30.0)])
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("run", "timed"),
     [

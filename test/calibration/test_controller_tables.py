@@ -108,6 +108,7 @@ def test_volumetric_table_nulls_the_tool_offset() -> None:
     assert np.abs(left[:, :3]).max() < 1e-9
 
 
+@pytest.mark.few(1)
 @pytest.mark.linuxcnc
 @pytest.mark.parametrize("kind", [0, 1])
 def test_linuxcnc_moves_the_motor_by_the_table(kind: Literal[0, 1], tmp_path: Path) -> None:

@@ -103,6 +103,7 @@ def test_the_surface_against_scalar_loops(tmp_path: Path, seed: int, reversal: f
     assert surfaces.rotated.flatness < 1e-11
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("seed", range(4))
 def test_prediction_file_and_node_rotate_alike(tmp_path: Path, seed: int) -> None:
     """The trajectory is what the compensation adds to Y on the file, and the same from a file without rotation."""
@@ -118,6 +119,7 @@ def test_prediction_file_and_node_rotate_alike(tmp_path: Path, seed: int) -> Non
         np.testing.assert_allclose(trajectory - trajectory[0, 0], node - node[0, 0], rtol=0, atol=1e-9)
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("short", [1e-9, 0.02e-3, 0.5e-3, 10e-3])
 @pytest.mark.parametrize("seed", range(3))
 def test_a_table_that_ends_a_little_short_of_the_travel_counts_to_its_end(
@@ -205,6 +207,7 @@ def ground(seed: int, waves: float = 0.3e-6) -> tuple[Array, Array, Array]:
     return x, z, heights + waves * np.sin(40 * x + rng.uniform(0, 6.3)) * np.cos(30 * z + rng.uniform(0, 6.3))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(3))
 def test_a_measured_workpiece_beside_the_prediction(tmp_path: Path, seed: int, capsys) -> None:
     x, z, heights = ground(seed)

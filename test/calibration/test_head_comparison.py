@@ -90,6 +90,7 @@ def test_amplitudes_of_orders_are_exact_without_noise() -> None:
     np.testing.assert_allclose(found, expected, atol=2e-3)
 
 
+@pytest.mark.long
 def test_the_command_tells_and_draws_both_directions(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """With four heads and a mirror three rows of three pictures, with two opposed heads alone one row."""
     stage = Path(shutil.copy(config("stage.yaml"), tmp_path / "stage.yaml"))

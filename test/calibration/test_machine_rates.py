@@ -6,6 +6,7 @@ import pytest
 from calibration.simulated_machine import rates
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["trunnion, few poses", "grinder"])
 def test_bounds_hold_the_truth(kind: str) -> None:
     """Of 12 tools at 95 %, 8 or fewer are held by chance less often than three in a thousand; parameters are many."""

@@ -43,6 +43,7 @@ def probed(path: Path, machine: Path, seed: int, count: int, noise_um: float, sc
     return path
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize(("noise_um", "told"), [(1.5, False), (0.3, True)])
 def test_noise_that_is_less_than_stated(tmp_path: Path, machine: Path, seed: int, noise_um, told, capsys) -> None:

@@ -343,6 +343,7 @@ def test_repeated_coarse_runs_keep_travel_and_height(
     np.testing.assert_allclose(np.array(table.forward) - np.mean(table.forward), truth - truth.mean(), atol=2e-9)
 
 
+@pytest.mark.long
 def test_stated_uncertainty_of_coarse_runs_covers(tmp_path: Path, machine: Path) -> None:
     shares, stated = [], []
     for seed in range(12):
@@ -539,6 +540,7 @@ def test_tables_and_errors(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
             run(*words)
 
 
+@pytest.mark.long
 def test_what_the_uncertainty_of_a_file_leaves(machine: Path, capsys: pytest.CaptureFixture[str]) -> None:
     content = yaml.safe_load(machine.read_text(encoding="utf-8"))
     content["machine"]["uncertainty"] = {"location.linear": 2e-6}

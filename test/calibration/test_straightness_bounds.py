@@ -6,6 +6,7 @@ import pytest
 from calibration.simulated_guideway import WAYS, rates
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("way", WAYS)
 def test_bounds_hold_the_truth(way: str) -> None:
     """Of 30 draws at 95 %, 23 or fewer come by chance less often than once in a thousand."""

@@ -124,6 +124,7 @@ def test_a_direct_measurement_as_an_interferometer_writes_it(tmp_path: Path, mac
     assert "--direct-columns without --direct" in capsys.readouterr().err
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("how", ["interferometer", "long mirror"])
 def test_spliced_against_directly_measured(tmp_path: Path, machine: Path, seed: int, how: str, capsys) -> None:

@@ -45,6 +45,7 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
+@pytest.mark.long
 def test_both_sections_are_in_the_file(machine: Path) -> None:
     shipped = machine.read_bytes()
     for _ in range(4):

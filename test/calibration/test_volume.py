@@ -88,6 +88,7 @@ DRAWS = 2000
 """A standard uncertainty is then known to 1.6 % (JCGM 100:2008, E.4.3); tests allow four times that."""
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(4))
 def test_uncertain_places_in_closed_form(seed: int) -> None:
     """Each body that moves is off by a normal deviate in each direction: lengths are chi-distributed, 95 % at 2.795."""
@@ -103,6 +104,7 @@ def test_uncertain_places_in_closed_form(seed: int) -> None:
     )
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("name", ["pan2013", "xyzac_trt", "grinder_zhou2023"])
 @pytest.mark.parametrize("seed", range(2))
 def test_uncertain_offsets_are_those_of_the_law_of_propagation(name: str, seed: int) -> None:

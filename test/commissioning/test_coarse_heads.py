@@ -81,6 +81,7 @@ def loud(seed: int, louder: float) -> tuple[list[bool], str]:
     return said, f"{advance:.4g} counts a sample, {noise:g} counts of noise"
 
 
+@pytest.mark.long
 def test_rounding_alone_is_no_noise() -> None:
     """Whatever speed, resolution and rate: chance has one of 480 heads there once in 60 such tests."""
     found = {seed: loud(seed, 0.0) for seed in range(120)}

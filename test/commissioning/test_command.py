@@ -111,6 +111,7 @@ def test_instruments_that_the_file_lists_as_sensors_are_commissioned_there(tmp_p
     assert left["sensors"]["drive"] != listed["drive"], "its zero and latency were found"
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("seed", seeds(6, 3))
 def test_the_estimator_is_right_by_the_file_that_is_written(seed: int, tmp_path: Path) -> None:
     """Within 0.1 µm, beside the noise that the same readings leave with a file that is exactly true.
@@ -123,6 +124,7 @@ def test_the_estimator_is_right_by_the_file_that_is_written(seed: int, tmp_path:
     check_errors(built, stage_of(built.true), bag, load_stage(tmp_path / "stage.yaml"))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("number", seeds(2))
 def test_an_azimuth_that_is_found_beyond_a_turn_is_written_within(number: int, tmp_path: Path) -> None:
     drawn = (build(seed, count=3, even=False, swap=False, duration=DURATION) for seed in range(1, 200))
@@ -165,6 +167,7 @@ def test_what_it_says_and_writes(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert "encoder.eccentricity" not in stage.uncertainty, "in place nobody tells it from the rotor's own motion"
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("seed", [21, 22, 23])
 def test_noise_that_is_said_to_be_put_right_is_in_the_file(
     seed: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -255,6 +258,7 @@ def test_a_head_that_comes_and_goes_or_stands_is_named(tmp_path: Path, capsys: p
     assert "head_c: does not follow the rotation" in capsys.readouterr().err
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("seed", seeds(3))
 @pytest.mark.parametrize("unit", [1.0, 180 / np.pi])
 def test_heads_that_jump_make_no_file(

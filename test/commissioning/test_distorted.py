@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 import yaml
 from world.newly_built import build
 from world.recording import AUTOCOLLIMATOR
@@ -36,6 +37,7 @@ def commissioned(folder, built, recording, stated, code=0):
     return load_stage(folder / "stage.yaml") if code == 0 else None
 
 
+@pytest.mark.long
 def test_a_distortion_that_the_file_states_is_taken_off_and_stays(tmp_path):
     built = build(5, count=4, even=True, swap=False, known_tilt=True, duration=20.0, axes=(1.02, 0.1))
     found = commissioned(tmp_path / "bent", built, bent(built.recording), {"cubic": list(BENDS)})

@@ -31,6 +31,7 @@ def contradiction(azimuths: list[float], rows: dict[int, complex]) -> float:
     return float(np.abs(waves).sum(axis=0).max())
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("seed", "count"), [(0, 4), (1, 4), (2, 4), (3, 4), (0, 5), (1, 5)])
 def test_the_heads_fit_the_file_that_is_written_of_them(tmp_path: Path, seed: int, count: int) -> None:
     made = built(seed, count)
@@ -53,6 +54,7 @@ def test_the_heads_fit_the_file_that_is_written_of_them(tmp_path: Path, seed: in
     assert contradiction(azimuths, left) < 0.5 * contradiction(azimuths, sizes)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [11])
 def test_a_perfect_ring_is_given_no_graduation(tmp_path: Path, seed: int) -> None:
     bag, nominal = written(build(seed, count=5, even=False, swap=False, duration=24.0, rounding="round"), tmp_path)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import copy
 import math
-import os
 import re
 import shlex
 import signal
@@ -115,7 +114,8 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("case", list(CASES)[: None if os.environ.get("SWEEPS") else 1])
+@pytest.mark.long  # minutes
+@pytest.mark.parametrize("case", CASES)
 def test_a_newcomer_has_a_right_stage_file_after_five_commands(case: str, place: Place) -> None:
     seed, degrees = CASES[case]
     # who has no certificate of the bearing's tilt is not told how the autocollimator is turned
@@ -203,7 +203,7 @@ def two_cells(place: Place) -> dict[str, tuple[NewlyBuilt, Running]]:
     return made
 
 
-@pytest.mark.skipif(not os.environ.get("SWEEPS"), reason="takes two minutes: SWEEPS=1 make test-live")
+@pytest.mark.long
 def test_two_cells_are_commissioned_at_once_and_neither_hears_the_other(place: Place) -> None:
     cells = two_cells(place)
     with ThreadPoolExecutor() as both:

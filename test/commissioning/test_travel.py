@@ -32,6 +32,7 @@ def watched(built, recording: Recording, until: float = np.inf, rest: bool = Tru
     return watch.travel()
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("seed", seeds(6))
 @pytest.mark.parametrize("how", ["as it is", "a head in degrees", "all in degrees", "a wrapped head"])
 def test_it_is_as_far_as_the_stage_turned(seed: int, how: str) -> None:

@@ -76,6 +76,7 @@ def healthy(layout: str) -> list[int]:
     return [seed for seed in SEEDS if not judged(seed, layout, 0.0, 0.0).doubted]
 
 
+@pytest.mark.few(3)
 @shows(
     Row(
         "heads",
@@ -109,6 +110,7 @@ def estimates(recording: Recording, decisions: Decisions | None = None) -> Error
     return ErrorMotion.joined(parts + estimator.finish())
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("gap", [0.04, 0.3])
 @pytest.mark.parametrize("seed", [0, SEEDS[-1]])
 def test_a_replay_of_a_gap_is_what_went_out(seed, gap):

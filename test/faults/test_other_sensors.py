@@ -39,6 +39,7 @@ def judged(seed: int, *, tilt: bool) -> Judgement:
     return judge(recorded(seed), section)
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_without_autocollimator_the_rest_is_as_right_as_with_it(seed):
     found, beside = judged(seed, tilt=False), judged(seed, tilt=True)

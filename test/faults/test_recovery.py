@@ -103,6 +103,7 @@ def cases() -> Mapping[tuple[str, int], Ended]:
     return {case: each for case, each in found.items() if each is not None}
 
 
+@pytest.mark.long
 @shows(
     Row(
         "heads",

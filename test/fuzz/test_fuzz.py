@@ -20,7 +20,7 @@ from .mutations import BINARY, MCAP, TEXT, change_record, mutate
 from .sandbox import Run, Sandbox
 from .targets import CORPUS, Target, targets
 
-RUNS = 10
+RUNS = 4
 """Files of each kind: some ten seconds in all."""
 
 LARGEST = 30_000

@@ -134,6 +134,7 @@ def test_wrong_yaml_is_refused(text, tmp_path, bag, refused):
         assert f"{path}" in refused("diagnose", bag, "--twin", path, "-o", tmp_path / "out", "--no-report")
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", ["tag", "a billion laughs", "100,000 deep"])
 def test_every_command_reads_yaml_in_the_same_way(name, tmp_path, bag, refused):
     path = tmp_path / "wrong.yaml"
@@ -172,6 +173,7 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.few(4)
 @shows(
     Row(
         "files",
@@ -428,6 +430,7 @@ def test_pages_of_a_database_that_name_one_another_end(tmp_path, clean):
     assert clean("replay", folder, "--twin", STAGE, "-o", tmp_path / "out").code == 2
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("name", ["tag", "5000 digits", "recursion", "a billion laughs", "100,000 deep", "no text"])
 def test_wrong_yaml_beside_a_bag_is_said_and_made_good(name, tmp_path, clean):
     folder = write_bag(tmp_path / "bag", stage_contents(3))

@@ -71,6 +71,7 @@ def test_at_one_speed_what_heads_may_round_off_is_no_late_encoder(stage_problem,
     assert diagnose(late_at_one_speed(stage_problem, seed, 150.0)).verdict is Verdict.NO_GAP
 
 
+@pytest.mark.long
 def test_beside_a_late_sensor_what_looks_the_same_stays_a_group(stage_problem):
     """The autocollimator's lateness turns the waves of every effect alike; without an LVDT it alone sees tilt."""
     problem, _ = stage_problem(3, "pair", ["autocollimator_latency", "spindle_tilt"], snr=(1000.0, 2000.0), rough=True)

@@ -69,6 +69,7 @@ def test_an_effect_without_a_parameter_of_its_own_is_kept_in_the_twin(tmp_path):
     assert run(folder, tmp_path / "out2", "--no-report") == 0
 
 
+@pytest.mark.long
 def test_a_departure_that_no_twin_can_hold_stands_beside_it_in_words(tmp_path):
     told = 0
     for seed in range(1, 6):

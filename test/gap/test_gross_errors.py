@@ -39,6 +39,7 @@ def turned(case, angle):
     return StageProblem(case.twin, record_stage(topics, sorted(case.twin.encoder.azimuths)), EFFECTS)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("degrees", [-60.0, 20.0, 80.0, 120.0])
 def test_an_autocollimator_turned_far_is_found_and_its_angle(healthy, degrees):
     diagnosis = diagnose(turned(healthy, math.radians(degrees)))

@@ -79,6 +79,7 @@ def shared(track, rows):
     return find_shared([replace(track, channel=name, rows=row) for name, row in rows.items()], len(rows) - 1)
 
 
+@pytest.mark.few(1)
 @ARCS
 def test_noise_of_heads_against_their_mean_keeps_the_rate(track, heads, arc):
     rng = np.random.default_rng(10)

@@ -119,6 +119,7 @@ def test_bounds_of_a_size_of_next_to_nothing(ratio: float, seed: int) -> None:
     assert 0.01 < missed / 1000 < 0.045
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("ratio", [1.0, 3.0, 10.0])
 def test_bounds_of_a_size_hold_the_truth(ratio: float, seed: int) -> None:

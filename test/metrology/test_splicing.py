@@ -73,6 +73,7 @@ def error_of(result: SplicedProfile, guideway: Guideway) -> Array:
     return result.straightness().deviations - truth
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("placements", range(2, 11))
 def test_error_is_what_the_covariance_says(placements: int) -> None:
     """Sensor 60 nm, mirror 0.08 µm of unknown form, straightness 5.8 µm, many seeds."""

@@ -11,6 +11,7 @@ from rotary_error_monitor.metrology.surface_range import flatness_bounds
 COUNT = 40
 
 
+@pytest.mark.few(6)
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("size", SIZES)
 def test_intervals_hold_the_true_flatness(kind: str, size: tuple[float, float]) -> None:

@@ -78,6 +78,7 @@ def test_its_recording_replays_to_what_was_published(run, tmp_path):
         assert len(at) > 0.9 * (len(stamps) - at[0]), "from the first one on"
 
 
+@pytest.mark.few(1)
 @pytest.mark.cell
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
 def test_what_a_run_started_ends_with_it(number, tmp_path):

@@ -59,6 +59,7 @@ class Heard:
         recovery="when they are started anew, within 4 s; let a cell start after `network-online.target`",
     )
 )
+@pytest.mark.long  # what the middleware does, not this package
 def test_a_node_that_began_without_the_network_is_heard_only_once_it_is_started_anew():
     fresh = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(1, mp_context=fresh, initializer=_prepare) as process:

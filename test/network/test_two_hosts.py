@@ -41,6 +41,7 @@ CUT_OFF = Row(
 )
 
 
+@pytest.mark.few(1)
 @shows(SAMPLES_LOST, CUT_OFF)
 @pytest.mark.parametrize("far", SPLITS.values(), ids=SPLITS)
 def test_a_cell_on_two_hosts_holds_while_they_are_cut_off_and_recovers(far, tmp_path):

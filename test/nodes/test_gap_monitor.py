@@ -99,6 +99,7 @@ def cell():
         yield cell
 
 
+@pytest.mark.long  # until its twin is believed
 def test_a_stage_that_does_what_its_twin_says():
     """Live: six nodes of the mock stage, at least four turns and 15 s."""
     parameters = {

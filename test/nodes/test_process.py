@@ -149,6 +149,7 @@ def test_a_process_that_hangs_after_python_ends_with_its_code(code):
     assert subprocess.run([sys.executable, "-c", hang], timeout=30, check=False).returncode == code
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("number", SIGNALS)
 def test_a_node_whose_middleware_hangs_as_it_ends_still_ends_and_says_where(number):
     """The node's own things are put away by then; the lock of the interpreter is kept, as the middleware keeps it."""

@@ -117,6 +117,7 @@ def assert_alike(found: Judgement, before: Judgement) -> None:
     assert dict(found.available) == dict(before.available)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("seed", seeds(9))
 def test_a_head_that_counts_other_turns_and_is_missing_for_a_moment_changes_nothing(seed: int) -> None:
     """What was seen as it was missing is held against the command once that comes back from a silence."""
@@ -138,6 +139,7 @@ def test_a_head_that_counts_other_turns_and_is_missing_for_a_moment_changes_noth
     np.testing.assert_allclose(two.components, one.components, rtol=0.0, atol=1e-12)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("seed", seeds(9))
 @pytest.mark.parametrize("turned_in", ["before", "silence"])
 def test_heads_that_count_other_turns_than_the_command_show_the_same_delay(seed: int, turned_in: str) -> None:

@@ -251,6 +251,7 @@ def test_after_a_pause_of_any_length_the_rotation_is_told_as_before(pause):
     np.testing.assert_array_equal(result.theta[second], before.theta[shared])
 
 
+@pytest.mark.few(6)
 @pytest.mark.parametrize("jump", [0.0, 0.4, 0.9, 1.7], ids=lambda jump: f"{jump:g} s missed")
 @pytest.mark.parametrize("back", [0.2, 3.0, 7200.0, 86_400.0], ids=lambda back: f"{back:g} s back")
 def test_after_the_clock_was_set_back_nothing_is_doubted_and_all_is_told_at_once(back, jump):

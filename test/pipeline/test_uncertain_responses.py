@@ -28,6 +28,7 @@ def deviations(seed, uncertainty):
     return (error[:, 2:4] / np.sqrt(variance))[-3000::50]  # behind the turn that verifies the description
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("stated", [STATED, {}], ids=["stated", "not stated"])
 def test_the_tilt_is_as_uncertain_as_its_instrument(stated):
     found = np.concatenate([deviations(seed, stated) for seed in range(SEEDS)])

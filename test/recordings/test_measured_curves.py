@@ -116,6 +116,7 @@ def test_the_twin_by_tables_is_that_by_harmonics(stage_problem: Callable[..., An
                 assert np.abs(values - by_tables[stream]).max() <= 1.05 * bound + 1e-12, (name, stream)
 
 
+@pytest.mark.long
 def test_a_diagnosis_knows_tables_and_what_they_leave_unsure(stage_problem: Callable[..., Any]) -> None:
     """Of a stage described by tables nothing is missing; an order that is not described is found beside one."""
     quiet = 0

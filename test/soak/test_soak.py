@@ -17,6 +17,7 @@ GROUPS = 900
 """Of six blocks each."""
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("counts", [10**9, 10_000 * TURN, -(10**9), 10**12])
 def test_no_count_is_lost_however_far_the_stage_has_turned(counts):
     found = endure(GROUPS, counts)
@@ -27,6 +28,7 @@ def test_no_count_is_lost_however_far_the_stage_has_turned(counts):
     check_flat(found.memory)
 
 
+@pytest.mark.long
 def test_ten_thousand_turns_are_counted_to_the_count():
     """A hundred turns at a time go by unseen; between them, each count of the rotation is right."""
     stage, skip, seen = Stage(), 100 * TURN // (SAMPLES * COUNTS), 40
@@ -44,6 +46,7 @@ def test_ten_thousand_turns_are_counted_to_the_count():
     assert counts > 100 * 80, "estimates, of 200 at a time; a stream that was away counts again after 0.1 s"
 
 
+@pytest.mark.long
 def test_error_motion_and_offset_do_not_hang_on_the_turns():
     """The same stage 10,000 turns later: what differs is the rounding of the angle, far below a nanometre."""
 

@@ -147,6 +147,7 @@ def test_a_nominal_machine_is_refused_only_beyond_all_known_effects(machine_prob
         assert sum(share.share for share in diagnosis.where) == pytest.approx(1.0)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("name", "modulation", "words"),
     [
@@ -180,6 +181,7 @@ def standard(values):
     return (values - values.mean()) / values.std()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["axis_scale", "pivot_offset", "squareness"])
 def test_outliers_do_not_hide_in_a_departure(name, machine_problem):
     """What a cause does in one direction only is far from smooth; poses at which the probe errs are told beside it."""

@@ -52,6 +52,7 @@ def learnt(problem, level):
     return problem.probe_std / (problem.stated_std * level)
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("noise", ["", "tails"])
 @pytest.mark.parametrize("level", [0.7, 1.5, 3.0])
 def test_the_level_is_learnt(level, noise):
@@ -77,6 +78,7 @@ def test_no_gap_is_no_gap_however_loud_the_probe_is():
     assert sum(verdict is not Verdict.NO_GAP for verdict in verdicts.values()) <= 1, verdicts
 
 
+@pytest.mark.long
 def test_a_single_effect_is_named_alone_beside_a_probe_that_is_louder():
     names, wrong = machine_faults(), []
     for seed, name in enumerate(names, 240):
@@ -92,6 +94,7 @@ def test_a_single_effect_is_named_alone_beside_a_probe_that_is_louder():
     assert len(wrong) <= 1, wrong
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     "added",
     [

@@ -81,6 +81,7 @@ def test_what_stands_out_is_named_however_small_for_its_kind(stage_problem):
     assert sum(right) >= 5 / 6 * len(right), right
 
 
+@pytest.mark.long
 def test_a_pair_as_on_a_shop_floor(stage_problem):
     effects, right, spikes = ["unbalance", "autocollimator_gain"], 0, 0
     for seed in range(12, 16):
@@ -92,6 +93,7 @@ def test_a_pair_as_on_a_shop_floor(stage_problem):
     assert right >= 3 and spikes >= 3
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("quiet", ["following_error", "disc_scale"])
 def test_a_quiet_cause_beside_a_loud_error_of_the_ring_is_named(stage_problem, quiet):
     """What is learnt of the rotor's jitter beside the loud one alone is not kept: it would hide the quiet one."""
@@ -107,6 +109,7 @@ def test_a_quiet_cause_beside_a_loud_error_of_the_ring_is_named(stage_problem, q
     assert len(wrong) <= (1 if ALL else 0), wrong
 
 
+@pytest.mark.long
 def test_an_error_within_lines_beside_a_ring_off_centre_is_sized(stage_problem):
     """It takes a part of the reading back, and the phase it depends on is all but lost in noise."""
     effects, off = ["disc_eccentricity", "subdivisional_error"], []
@@ -124,6 +127,7 @@ def test_an_error_within_lines_beside_a_ring_off_centre_is_sized(stage_problem):
     assert np.sort(off)[-2 if ALL else -1] < 3, off
 
 
+@pytest.mark.long
 def test_a_ring_off_centre_beside_an_error_within_its_lines(stage_problem):
     """A ring off by less than its centre is uncertain may stay unseen, or be told as an order of the graduation."""
     effects, found = {"disc_eccentricity", "subdivisional_error"}, []
@@ -135,6 +139,7 @@ def test_a_ring_off_centre_beside_an_error_within_its_lines(stage_problem):
     assert sum(names == effects for names in found) >= len(found) / 2
 
 
+@pytest.mark.long
 def test_what_one_effect_adds_another_distorts(stage_problem):
     """A drift that a strongly curved scale reads: which of the two acts first is found as well."""
     effects, ordered, within = ["autocollimator_drift", "autocollimator_nonlinearity"], [], []
@@ -152,6 +157,7 @@ def test_what_one_effect_adds_another_distorts(stage_problem):
     assert within.count(False) <= (1 if ALL else 0), within
 
 
+@pytest.mark.long
 def test_a_head_in_the_wrong_hole_is_found_and_measured(stage_problem):
     """Also on rings that run so true that even a large angle shows little."""
     right = []
@@ -174,6 +180,7 @@ def test_effects_that_look_alike_are_a_group_with_advice(stage_problem):
         assert "no other speed" in group.advice
 
 
+@pytest.mark.long
 def test_two_effects_on_the_same_channel_are_believed(stage_problem):
     right = 0
     for seed in (29, 30, 31, 32):

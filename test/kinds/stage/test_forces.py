@@ -99,6 +99,7 @@ def test_the_force_is_what_the_world_had(seed, sensors, named):
     assert np.std((found - true)[pushed], axis=0).max() < 0.5, "no wrong direction, gain or delay"
 
 
+@pytest.mark.long
 def test_a_compliance_is_named_with_the_size_that_its_uncertainty_states():
     """Of six worlds all name it; the squared errors in their uncertainties are a chi-square of two each: 12 ± 4.9."""
     total = 0.0
@@ -260,6 +261,7 @@ def test_from_file_to_file(tmp_path, capsys):
     assert main([*arguments, str(improved), "-o", str(tmp_path / "two")]) == 0
 
 
+@pytest.mark.long
 def test_noise_of_the_load_cell_is_no_gap_however_good_the_heads_are():
     """Readings of the force with noise by which the rotor would yield as much as the heads show, or more.
 

@@ -98,6 +98,7 @@ LAWS = {
 }
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("law", LAWS)
 def test_whatever_the_spectrum_no_other_jitter_fits_it_clearly_better(law):
     """Bounds set after the search left a spectrum many times too large, in which faults of the drive vanished."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import tracemalloc
 
 import numpy as np
+import pytest
 
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.gap.diagnosis import diagnose
@@ -52,6 +53,7 @@ def peak_of(recording: StageRecording) -> int:
         tracemalloc.stop()
 
 
+@pytest.mark.long
 def test_memory_grows_by_a_few_numbers_for_each_row():
     """Six and a half, where each channel has times of its own and all channels are tested together."""
     short, long = 80.0, 240.0

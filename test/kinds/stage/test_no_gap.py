@@ -30,6 +30,7 @@ def test_no_gap_is_no_gap(rough, stage_problem):
         assert diagnosis.gap.before == pytest.approx(1.0, abs=0.03)
 
 
+@pytest.mark.long
 def test_noise_of_the_thermometer_is_no_gap(stage_problem, monkeypatch):
     """What it leaves in the smoothed temperature moves the axis slowly: it looked like a shift with the direction.
 
@@ -79,6 +80,7 @@ def test_noise_that_is_larger_than_stated_is_told(stage_problem):
     np.testing.assert_allclose(levels, 1.4, atol=0.06)
 
 
+@pytest.mark.long
 def test_an_effect_like_noise_is_no_noise(stage_problem):
     """A wave per line changes from sample to sample as noise does; its phase tells it apart."""
     right = 0
@@ -100,6 +102,7 @@ def at_a_line(stage_problem, seed, orders, rough=False):
     return diagnose(stage_problem(seed, "null", rough=rough, motion=motion)[0])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("rough", [False, True], ids=["clean", "rough"])
 def test_at_one_speed_the_rotors_own_lines_are_no_gap(rough, stage_problem):
     quiet = told = 0
@@ -110,6 +113,7 @@ def test_at_one_speed_the_rotors_own_lines_are_no_gap(rough, stage_problem):
     assert quiet >= 3 and told >= 3, (quiet, told)
 
 
+@pytest.mark.long
 def test_at_one_speed_a_low_order_that_is_named_may_be_the_rotors_own(stage_problem):
     """Of the lowest orders a drive is the likelier cause; that the recording does not tell is said."""
     for seed in range(1000, 1004):

@@ -28,6 +28,7 @@ def slow_noise_beside_lost_counts(problem, head):
     return [remark for remark in problem.remarks(fit.rest) if remark.startswith("head: slow noise")]
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_what_another_cause_leaves_of_a_fault_is_no_slow_noise(stage_problem, seed):
     """A late head of a stage that turns back looks like lost counts, which leave a slow 6 % of it.
@@ -62,6 +63,7 @@ def slow_noise_told_where_two_wander(problem, seed, *, alike):
     return {name for name in ("autocollimator", "lvdt") if any(remark.startswith(name) for remark in told)}
 
 
+@pytest.mark.long
 def test_what_two_instruments_show_alike_is_noise_of_neither(stage_problem):
     """A rotor that leans slowly moves both. Where each took it for noise of its own, there was no gap."""
     alike, own, seeds = [], [], SEEDS[:5]

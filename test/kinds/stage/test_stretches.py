@@ -70,6 +70,7 @@ def test_joined_blocks_hold_the_sums_of_their_label(both):
         assert (same.power, same.count) == (pytest.approx(own.power), pytest.approx(own.count))
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("rough", [False, True])
 def test_the_verdict_is_that_of_the_whole(both, rough):
     whole, long, truth = both(21, "single", ["mirror_wobble"], rough=rough)
