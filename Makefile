@@ -137,7 +137,7 @@ rates: setup ## rates over many seeds that take too long for `make test` (SWEEPS
 # What computes without processes, and beside it the nodes' life cycle, whose processes have to answer in time.
 # The machine model, which uses nothing of Python, is compiled for one width of vectors there: in a third of the time.
 PYTHON312 ?= python3.12
-IN_312 := $(addprefix test/,bags/test_reader.py codec description/test_wire.py metrology/test_encoder_heads.py signals/test_resampling.py test_cli.py)
+IN_312 := $(addprefix test/,bags/test_reader.py codec description/test_wire.py metrology/test_encoder_heads.py signals/test_resampling.py)
 test-python312: ## the same packages with Python 3.12, in build/python312, and a part of the tests there
 	CC='$(CC) -DENTRY=ENTRY_ONCE' $(BESIDE) $(MAKE) --no-print-directory setup VENV=build/python312 PYTHON=$(PYTHON312)
 	AMENT_PREFIX_PATH=$(CURDIR)/build/python312 $(BESIDE) build/python312/bin/python -m pytest -q $(PYTEST_ARGS) $(IN_312)

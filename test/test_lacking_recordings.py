@@ -212,6 +212,7 @@ def test_a_recording_that_begins_in_mid_run(recording, tmp_path):
     np.testing.assert_array_equal(result.theta[again], published[np.isin(stamps, result.stamp_ns), 0])
 
 
+@pytest.mark.long
 def test_a_file_of_a_split_bag_is_missing(recording, tmp_path, capsys):
     write_messages(tmp_path / "whole", recording, WIRE)
     bag = tmp_path / "bag"

@@ -160,6 +160,7 @@ def check_clean(found: Sequence[str], codes: set[int]) -> None:
         assert not re.search("Traceback|Fatal|KeyboardInterrupt|Exception ignored", written), each
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("number", SIGNALS)
 def test_a_node_ends_cleanly_whenever_a_signal_comes(tmp_path, number):
     arguments = ["recorder", "--ros-args", "-p", f"folder:={tmp_path}/{{moment}}"]
@@ -169,6 +170,7 @@ def test_a_node_ends_cleanly_whenever_a_signal_comes(tmp_path, number):
     assert all(path.read_bytes().endswith(b"MCAP0\r\n") for path in recorded), "a bag that was begun is closed"
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("number", SIGNALS)
 def test_a_command_ends_cleanly_whenever_a_signal_comes(tmp_path, number):
     recording = bag(tmp_path / "bag")

@@ -15,7 +15,6 @@ from rotary_error_monitor.commissioning.streams import Recorded, StreamFigures
 from rotary_error_monitor.commissioning.units import RADIAN, Unit
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.metrology.distributions import chi_square_tail
-from rotary_error_monitor.pipeline.estimator_settings import MAX_GAP
 from rotary_error_monitor.units import ANGLE_UNITS
 
 SIGMAS = 4.0
@@ -42,6 +41,9 @@ LOSS = 0.02
 
 DRIFT = 1e-6
 """Relative drift of a stream's clock from which it is said: 1 ppm is what a disciplined clock keeps."""
+
+VERY_LATE = 0.02
+"""Delay of an instrument, s, from which it is said: samples as far apart are not joined either, by default."""
 
 
 @dataclass(frozen=True)
@@ -280,7 +282,7 @@ def _latencies(found: Found) -> Iterator[Finding]:
     streams += [("command", found.command.latency)] if found.command is not None else []
     streams += [("autocollimator", found.tilt.latency)] if found.tilt is not None else []
     for name, late in streams:
-        if late.value > max(SIGMAS * late.std, MAX_GAP):
+        if late.value > max(SIGMAS * late.std, VERY_LATE):
             yield Finding(
                 f"{name} is stamped {late.value * 1e3:.3g} ms later than the earliest instrument: every estimate waits "
                 "as long for it; does its driver stamp when it hands on instead of when it measures?",

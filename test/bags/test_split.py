@@ -89,6 +89,7 @@ def test_a_file_ends_at_its_size(tmp_path: Path) -> None:
     assert _numbers(bag) == list(range(500)) and len(read_by_rosbags(bag)) == 500
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("count", [95, 100, 105])
 def test_a_killed_recording_of_several_files(tmp_path: Path, count: int) -> None:
     """All closed files, and the last one as far as it goes."""
@@ -116,6 +117,7 @@ def test_compressed_bags_are_read_by_all(tmp_path: Path, compression: str) -> No
     assert BagReader(bag).remarks == () and _information(bag)["compression_mode"] == "", "chunks, not messages or files"
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("kept", "first"),
     [({"keep_duration": 4.0}, 80), ({"keep_duration": 4.4}, 70), ({"keep_size": 160_000, "max_file_size": 40_000}, 90)],
@@ -170,6 +172,7 @@ def test_less_than_a_file_cannot_be_kept(tmp_path: Path, limits: dict[str, float
     assert not (tmp_path / "bag").exists()
 
 
+@pytest.mark.long
 def test_memory_does_not_grow_with_the_recording(tmp_path: Path) -> None:
     """Counted, not timed: what is held after the 5th file and after the 25th, each of 200 chunks."""
     each = 200

@@ -104,6 +104,7 @@ def test_uncertain_parameters_widen_the_bound():
     assert {effect.name for effect in EFFECTS} >= {"mirror_wobble"}
 
 
+@pytest.mark.long
 def test_pieces_are_put_together(tmp_path, monkeypatch, capsys):
     tried = []
 

@@ -71,6 +71,7 @@ def written(path, *cases):
     return path
 
 
+@pytest.mark.long
 def test_outcomes_of_several_runs_are_taken_together(tmp_path, capsys):
     first = written(tmp_path / "first.json", [[0.97, True]], [], [[0.3, False], [0.95, True]])
     second = written(tmp_path / "second.json", [[0.93, False]])

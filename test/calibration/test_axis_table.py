@@ -58,6 +58,7 @@ def test_the_file_has_the_machine_that_was_seen(seed: int, tmp_path: Path, shipp
         assert again.value(item, axes) == pytest.approx(seen.value(item, axes), abs=3e-8), (item, axes)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", seeds(2))
 def test_bounds_of_95_percent_hold_the_truth(seed: int, tmp_path: Path, shipped: MachineDescription) -> None:
     """10 calibrations, each of a machine of its own: of ten rows at least 84 of 100 bounds hold it.

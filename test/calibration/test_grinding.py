@@ -103,7 +103,7 @@ def test_the_surface_against_scalar_loops(tmp_path: Path, seed: int, reversal: f
     assert surfaces.rotated.flatness < 1e-11
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("seed", range(4))
 def test_prediction_file_and_node_rotate_alike(tmp_path: Path, seed: int) -> None:
     """The trajectory is what the compensation adds to Y on the file, and the same from a file without rotation."""

@@ -76,6 +76,7 @@ def test_a_table_has_what_is_along_the_axis_with_all_of_the_reversal_error(tmp_p
         np.testing.assert_allclose(column, -way * 1.5e-6, atol=3e-10)
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("seed", [1, 2, 3])
 @pytest.mark.parametrize("kind", DIRECTIONS)
 def test_what_was_measured_along_the_axis_is_what_it_does_and_what_its_table_takes_out(tmp_path, capsys, kind, seed):

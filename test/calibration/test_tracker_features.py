@@ -68,6 +68,7 @@ def point_list(folder: Path, how: str) -> tuple[Path, list[str]]:
     return path, ["feature=#2", f"x=#4,{unit}", f"y=#5,{unit}", f"z=#6,{unit}"]
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("how", ["headers", "commas", "blanks", "inches"])
 def test_points_say_what_readings_say(tmp_path: Path, how: str) -> None:
     """Angles of the example are written to 2e-11 rad."""
@@ -145,6 +146,7 @@ def test_a_run_that_goes_back(tmp_path: Path, how: str, capsys) -> None:
     assert "in the order of its positive direction" in said
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("seed", range(5))
 def test_several_readings_at_a_station_are_one_run(tmp_path: Path, seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -157,6 +159,7 @@ def test_several_readings_at_a_station_are_one_run(tmp_path: Path, seed: int) ->
     assert calibrate(path, tmp_path) == 0
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("feature", ["X", "C.1", "A.2", "spindle.1", "zero"])
 @pytest.mark.parametrize("count", [1, 2, 3, 4])
 def test_few_points_of_a_feature_are_told_without_a_traceback(tmp_path: Path, feature: str, count: int, capsys) -> None:

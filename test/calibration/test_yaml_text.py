@@ -145,6 +145,7 @@ VALUES = st.one_of(
 )
 
 
+@pytest.mark.long
 @settings(max_examples=300, deadline=None)
 @given(st.data())
 def test_only_the_lines_of_what_is_set_change(data: st.DataObject) -> None:

@@ -132,6 +132,7 @@ def test_machine_with_its_true_faults_leaves_the_noise_of_the_tracker(case: Path
     assert np.sqrt((residual**2).mean()) == pytest.approx(1.5e-6, rel=0.12)
 
 
+@pytest.mark.few(5)
 @pytest.mark.parametrize("name", [*stage_faults(), *stage_faults(False)])
 def test_every_stage_fault_moves_something_and_its_size_scales(name: str) -> None:
     draw = np.random.default_rng(4)

@@ -31,6 +31,7 @@ def test_the_first_tenths_of_a_second_are_as_right_as_any():
     assert np.mean(wrong) <= MOST_WRONG, [(seed, part) for seed, part in zip(SEEDS, wrong, strict=True) if part]
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("seed", seeds(4))
 @pytest.mark.parametrize(("later", "told"), [(0.0, True), (0.06, True), (0.3, True), (0.9, False)])
 def test_heads_that_are_back_before_the_command_are_still_where_they_were(seed, later, told):

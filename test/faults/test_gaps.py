@@ -76,7 +76,7 @@ def healthy(layout: str) -> list[int]:
     return [seed for seed in SEEDS if not judged(seed, layout, 0.0, 0.0).doubted]
 
 
-@pytest.mark.few(3)
+@pytest.mark.few(1)
 @shows(
     Row(
         "heads",

@@ -141,6 +141,7 @@ def test_nothing_wrong_is_published_meanwhile_or_afterwards():
     assert not {case: each.wrong for case, each in cases().items() if each.wrong > MOST_WRONG}
 
 
+@pytest.mark.long
 def test_a_second_after_the_end_all_is_published_again():
     missing = {
         case: {name: f"{part:.0%}" for name, part in each.missing.items() if part > MOST_MISSING}

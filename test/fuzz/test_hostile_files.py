@@ -226,6 +226,7 @@ def _command(name: str, bag: Path, twin: Path, folder: Path) -> list[str | Path]
     return [name, bag, "--twin", twin, "-o", folder / f"{name}.out", *(["--no-report"] if name == "diagnose" else [])]
 
 
+@pytest.mark.long
 def test_hours_of_stamps_ten_minutes_apart_cost_no_more_than_their_samples(tmp_path, clean):
     """No pause is long enough to end the recording."""
     contents: dict[str, list[Content]] = {}
@@ -335,6 +336,7 @@ def test_a_packed_text_of_gigabytes_is_refused(tmp_path, refused):
     assert "larger than" in refused("diagnose", packed, "--twin", ROOT / "config" / "quadrature.yaml", *out)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("head", "line", "count", "said"),
     [

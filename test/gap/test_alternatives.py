@@ -50,6 +50,7 @@ def late_at_one_speed(stage_problem, seed, size):
     return stage_problem(seed, "single", ["encoder_latency"], snr=(size, 1.01 * size), motion=motion)[0]
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("seed", [18, 19, 20])
 def test_at_one_speed_a_late_encoder_is_as_probable_as_backlash(stage_problem, seed):
     """Whatever shifts the rotation alike at the only speed that was driven is one group of equal chances."""
@@ -65,6 +66,7 @@ def test_at_one_speed_a_late_encoder_is_as_probable_as_backlash(stage_problem, s
     assert chances == pytest.approx([1 / 3] * 3, abs=0.05)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("seed", [18, 19, 20])
 def test_at_one_speed_what_heads_may_round_off_is_no_late_encoder(stage_problem, seed):
     """Less than half a count against the command, always the same: heads that cut off their readings show that too."""

@@ -105,6 +105,7 @@ def test_a_size_below_that_of_noise_alone_has_the_upper_bound_of_its_median(rati
     assert rice.cdf(median, high / sigma) == pytest.approx(0.025, abs=2e-3)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("ratio", [0.0, 0.3])
 def test_bounds_of_a_size_of_next_to_nothing(ratio: float, seed: int) -> None:

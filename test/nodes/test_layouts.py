@@ -86,6 +86,10 @@ def recorded(tmp_path_factory):
         cell.run(GapMonitor, "gap_monitor")
         for status in ("compensation: correction", "error_estimator: estimate", "gap_monitor: verdict"):
             cell.status(status)
+        all_say = set(ANALYZERS) - {"surroundings"}
+        cell.wait_until(
+            lambda: all_say <= {key for name in dict(cell.statuses) for key in owners(name)}, "a status of each node"
+        )
         cell.wait_until(lambda: cell.recorder_hears(names) and len(pictures) > 0, "all that layouts show")
         # a figure that is none before the first correction
         cell.wait_until(

@@ -99,7 +99,7 @@ def alone(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Alone:
     return given
 
 
-@pytest.mark.few(4)
+@pytest.mark.few(2)
 @pytest.mark.parametrize("command", ["replay", "check", "analyse", "diagnose", "commission"])
 @pytest.mark.parametrize("how", ["cell", "name"])
 def test_a_cell_of_several_gives_what_its_own_bag_gives(

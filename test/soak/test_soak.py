@@ -73,6 +73,7 @@ def test_error_motion_and_offset_do_not_hang_on_the_turns():
     np.testing.assert_allclose(offsets_later, offsets, rtol=0, atol=1e-10)
 
 
+@pytest.mark.long
 def test_nodes_on_simulated_time():
     with Cell() as cell:
         found = live(cell, 2000, 10_000 * TURN)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import ClassVar
 
@@ -16,13 +16,11 @@ from rotary_error_monitor.effects.effect import Cause, Role, Searched, among, va
 from rotary_error_monitor.effects.rotor import HEAD, StageEffect
 from rotary_error_monitor.gap.departures import SHARE, Departures, amplitude_sizes, modulated, spread_out
 from rotary_error_monitor.gap.noise_level import NOISIER
-from rotary_error_monitor.gap.problem import Candidate, Columns, Conditions, Finding, Rows, Share, SparseRows
+from rotary_error_monitor.gap.problem import Candidate, Columns, Finding, Rows, Share, SparseRows
 from rotary_error_monitor.gap.structure import Track
 from rotary_error_monitor.gap.views import View
 from rotary_error_monitor.kinds.stage.admission import check_extent, check_noise, motion_remarks
 from rotary_error_monitor.kinds.stage.another import check_stage, left_out
-from rotary_error_monitor.kinds.stage.arc import Arc
-from rotary_error_monitor.kinds.stage.conditions import stage_conditions
 from rotary_error_monitor.kinds.stage.distortion import distortions
 from rotary_error_monitor.kinds.stage.experiments import advise
 from rotary_error_monitor.kinds.stage.gradual import begun_before, moment_of, ramps, takes_time
@@ -37,55 +35,24 @@ from rotary_error_monitor.kinds.stage.modulations import (
 )
 from rotary_error_monitor.kinds.stage.noise_learning import NoiseLearning
 from rotary_error_monitor.kinds.stage.nuisances import Nuisances
+from rotary_error_monitor.kinds.stage.of_whole import OfWhole
 from rotary_error_monitor.kinds.stage.offset import offset_figures
-from rotary_error_monitor.kinds.stage.play import Play, stays
+from rotary_error_monitor.kinds.stage.play import stays
 from rotary_error_monitor.kinds.stage.predictions import KEPT, KeptPredictions
-from rotary_error_monitor.kinds.stage.rounding import Rounding, steps_of
+from rotary_error_monitor.kinds.stage.rounding import Rounding
 from rotary_error_monitor.kinds.stage.row_weights import row_weights
 from rotary_error_monitor.kinds.stage.search import StageSearch, effects_in
 from rotary_error_monitor.kinds.stage.signatures import KeptSignatures
 from rotary_error_monitor.kinds.stage.tracks import Tracks
-from rotary_error_monitor.kinds.stage.warming import ForceNoise, OtherTwin, uncertain_forces, uncertain_warmings
 from rotary_error_monitor.kinds.stage.where import stage_where
 from rotary_error_monitor.noise.stage_noise import StageNoise, noise_std
 from rotary_error_monitor.noise.whitening import side_by_side
 from rotary_error_monitor.sensors.library import COMMAND, instrument_of, sensor_of
 from rotary_error_monitor.twin.recording import StageRecording, fields_of
-from rotary_error_monitor.twin.stage import Signals, StageInputs, StageTwin, twin_of
+from rotary_error_monitor.twin.stage import Signals, StageTwin, twin_of
 
 _DERIVATIVE_STEP = 1e-3
 """Step of numerical derivatives in usual sizes: far above rounding, far below curvature."""
-
-
-@dataclass(frozen=True)
-class OfWhole:
-    """What all stretches of a recording have in common: each on its own would make it of the whole again.
-
-    Attributes:
-        inputs: what drove the stage.
-        steps: of the readings of each stream.
-        conditions: of the recording.
-        play: after reversals.
-        others: twins with what is not known of the inputs.
-        force_noise: of the load cells.
-        arc: within which the rotor turned.
-    """
-
-    inputs: StageInputs
-    steps: Mapping[str, float]
-    conditions: Conditions
-    play: Play
-    others: tuple[OtherTwin, ...]
-    force_noise: ForceNoise
-    arc: Arc
-
-    @classmethod
-    def of(cls, stage: StageDescription, recording: StageRecording, twin: StageTwin) -> OfWhole:
-        """That of a recording and its twin."""
-        others = (*uncertain_warmings(twin, recording), *uncertain_forces(twin, recording))
-        steps, play = steps_of(stage, recording), Play(twin.inputs, recording.duration)
-        noise = ForceNoise.of(twin, recording)
-        return cls(twin.inputs, steps, stage_conditions(recording), play, others, noise, Arc.of(recording))
 
 
 class StageProblem:

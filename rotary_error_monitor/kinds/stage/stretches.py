@@ -21,7 +21,8 @@ from rotary_error_monitor.gap.problem import Columns, Conditions, LateRows, Rows
 from rotary_error_monitor.kinds.stage.conditions import MOST_BLOCKS
 from rotary_error_monitor.kinds.stage.forces import with_shaft_force
 from rotary_error_monitor.kinds.stage.gross_inputs import without_gross_inputs
-from rotary_error_monitor.kinds.stage.problem import OfWhole, StageProblem
+from rotary_error_monitor.kinds.stage.of_whole import OfWhole
+from rotary_error_monitor.kinds.stage.problem import StageProblem
 from rotary_error_monitor.kinds.stage.search import StageSearch, effects_in
 from rotary_error_monitor.kinds.stage.stuck import without_stuck
 from rotary_error_monitor.kinds.stage.thermometers import with_useful_inputs

@@ -70,6 +70,7 @@ def test_noise_as_stated_is_as_stated():
         assert not [row for row in problem.remarks(problem.residual(())) if "times the" in row]
 
 
+@pytest.mark.long
 def test_no_gap_is_no_gap_however_loud_the_probe_is():
     """Each of these was unknown while the noise was taken as stated, but for those that are quieter."""
     levels = (0.7, 1.12, 1.3, 2.0, 3.0)
@@ -94,7 +95,7 @@ def test_a_single_effect_is_named_alone_beside_a_probe_that_is_louder():
     assert len(wrong) <= 1, wrong
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     "added",
     [

@@ -33,6 +33,7 @@ PLACES = {
 """Effects, and where the gap lies that each of them makes."""
 
 
+@pytest.mark.long
 def test_a_single_effect_is_named_sized_and_placed(stage_problem):
     wrong, beyond, count = {}, 0, 0
     for number, (name, place) in enumerate(PLACES.items()):
@@ -93,7 +94,7 @@ def test_a_pair_as_on_a_shop_floor(stage_problem):
     assert right >= 3 and spikes >= 3
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 @pytest.mark.parametrize("quiet", ["following_error", "disc_scale"])
 def test_a_quiet_cause_beside_a_loud_error_of_the_ring_is_named(stage_problem, quiet):
     """What is learnt of the rotor's jitter beside the loud one alone is not kept: it would hide the quiet one."""
@@ -193,6 +194,7 @@ def test_two_effects_on_the_same_channel_are_believed(stage_problem):
     assert right >= 3
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("kind", "names"), [("null", None), ("single", ["head_misplacement"])])
 def test_a_fast_recording_is_thinned_and_diagnosed_as_any_other(kind, names, tmp_path):
     """Instruments that give 5,000 samples a second: one in five of them is enough for verdict, name and value."""

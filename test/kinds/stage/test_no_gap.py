@@ -20,6 +20,7 @@ from rotary_error_monitor.twin.recording import Stream
 EFFECTS = load_effects(StageEffect)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("rough", [False, True], ids=["clean", "rough"])
 def test_no_gap_is_no_gap(rough, stage_problem):
     found = [diagnose(stage_problem(seed, "null", rough=rough)[0]) for seed in range(31, 37)]

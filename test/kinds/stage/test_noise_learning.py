@@ -41,6 +41,7 @@ def test_what_another_cause_leaves_of_a_fault_is_no_slow_noise(stage_problem, se
     assert not slow_noise_beside_lost_counts(problem, truth.faults[0].location)
 
 
+@pytest.mark.long
 def test_slow_noise_beside_a_cause_is_learnt(stage_problem):
     told, seeds = [], SEEDS[:3]
     for seed in seeds:
