@@ -66,6 +66,7 @@ MODEL_RATES := $(addprefix test/,blind_check analysis/test_trend.py benchmark/te
 	$(addprefix calibration/test_,assembly_tables.py axis_lines.py axis_table.py \
 	collimator_rates.py head_comparison.py identification.py machine_rates.py steps.py straightness_bounds.py \
 	yaml_text.py) \
+	$(addprefix commissioning/test_,coarse_heads.py graduated.py late_instruments.py) faults/test_common_zero.py \
 	$(addprefix gap/test_,cases.py gross_errors.py) \
 	$(addprefix kinds/,machine/test_diagnosis.py machine/test_noise_level.py quadrature/test_problem.py) \
 	$(addprefix kinds/stage/test_,arc.py diagnosis.py no_gap.py stretches.py without_heads.py) \
