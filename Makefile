@@ -90,7 +90,7 @@ RATES := $(CELL_RATES) $(MODEL_RATES) $(SWEPT)
 # `make test` takes a third of the random stages that these draw (test/draws.py), `make rates` all of them.
 DRAWN := $(addprefix test/,analysis/test_trend.py bags/test_writer.py blind_check/test_blind_check.py \
 	$(addprefix calibration/test_,axis_table.py collimator_rates.py) cases/test_cases.py \
-	$(addprefix commissioning/test_,command.py travel.py) \
+	$(addprefix commissioning/test_,command.py late_instruments.py travel.py) \
 	$(addprefix faults/test_,all_late.py begin.py calibrated.py common_zero.py ends.py fast_stages.py few_heads.py \
 	gaps.py recordings.py recovery.py responses.py) kinds/quadrature/test_problem.py \
 	$(addprefix kinds/stage/test_,arc.py diagnosis.py forces.py) \

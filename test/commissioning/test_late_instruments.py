@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from draws import seeds
 from world.newly_built import NewlyBuilt, build
 from world.recording import AUTOCOLLIMATOR, COMMAND, Recording, head_topic
 
@@ -29,8 +30,8 @@ def said(found: Judged) -> list[str]:
 
 
 @pytest.mark.parametrize("name", STREAMS)
-def test_an_instrument_that_is_very_late_is_named_and_put_right(name):
-    for seed in range(1, 2):
+def test_an_instrument_that_is_very_late_is_named_with_its_delay(name):
+    for seed in seeds(3, 1):
         found = judge(built(seed), lambda recording: late(recording, STREAMS[name], LATE))
         (text,) = said(found)
         assert text.startswith(f"{name} is stamped "), text
@@ -39,6 +40,6 @@ def test_an_instrument_that_is_very_late_is_named_and_put_right(name):
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.01])
-def test_less_is_put_right_without_a_word(delay):
-    for seed in range(1, 2):
+def test_less_is_no_finding(delay):
+    for seed in seeds(3, 1):
         assert not said(judge(built(seed), lambda recording: late(recording, COMMAND, delay)))
