@@ -87,6 +87,7 @@ class CorrectionListener:
         self._watches = 0
         self._said: tuple[object, ...] = ()
         self._said_ns = 0
+        self._logged: tuple[object, ...] = ()
         self._logged_ns: dict[object, int] = {}
         diagnostics = node.wire.topic("diagnostics")
         self._diagnostics = node.publish_on(diagnostics)
@@ -185,13 +186,13 @@ class CorrectionListener:
             self._halt_if_several(hold.doubt)
         trouble = self._controller().trouble
         now = (hold is not None, None if hold is None else hold.doubt, trouble)
-        if now == self._said or steady_ns - self._said_ns < _SAY_PERIOD_NS:
-            return
-        self._said, self._said_ns = now, steady_ns
-        condition = self.condition()
-        if self._is_log_due(now, steady_ns):
+        if now != self._said and steady_ns - self._said_ns >= _SAY_PERIOD_NS:
+            self._said, self._said_ns = now, steady_ns
+            self._diagnostics.publish(node.report(node.now_ns(), [self.condition()]))
+        # What came too soon after the same to be logged is logged later, if it is still so: a log ends with what is.
+        if self._said != self._logged and self._said == now and self._is_log_due(now, steady_ns):
+            self._logged, said = now, f"corrections: {self.condition().message}"
             if hold is None and not trouble:
-                node.get_logger().info(f"corrections: {condition.message}")
+                node.get_logger().info(said)
             else:
-                node.get_logger().warning(f"corrections: {condition.message}")
-        self._diagnostics.publish(node.report(node.now_ns(), [condition]))
+                node.get_logger().warning(said)

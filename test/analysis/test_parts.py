@@ -28,6 +28,7 @@ def drawn_rotation(seed):
     return times, np.cumsum(slow * steps * 1e-9), rng
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("seed", range(8))
 def test_segments_and_stops(seed, monkeypatch):
     times, theta, rng = drawn_rotation(seed)

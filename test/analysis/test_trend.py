@@ -38,6 +38,7 @@ def at_most(rate, count):
     return binom.isf(1e-6, count, rate)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("count", [2, 3, 6, 12, 30])
 def test_nothing_is_told_of_what_does_not_change_but_for_the_named_rate(count):
     rng = np.random.default_rng(count)

@@ -141,6 +141,7 @@ def test_a_message_leaves_the_process_within_the_flush_period(tmp_path: Path) ->
         assert _numbers(tmp_path / "bag") == [0, 1, 2, 3]
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("seed", seeds(4))
 @pytest.mark.parametrize("compression", ["none", "zstd"])
 def test_what_came_a_second_before_a_kill_can_be_read(tmp_path: Path, seed: int, compression: str) -> None:

@@ -62,7 +62,7 @@ def sound(seed: int) -> Judgement:
     return judge(recorded(seed), recorded(seed).stage)
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @shows(
     Row(
         "heads",
@@ -129,6 +129,7 @@ def test_counts_that_all_heads_lose_at_once_are_a_step_or_within_what_is_stated(
             assert found.wrong["ecc"] <= 0.1 / DURATION, (seed, found.wrong, found.doubted)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(("place", "off", "gap"), [(0, 3e-4, 0.0), (1, 3e-4, GAP), (2, -4e-4, 0.0), (3, -4e-4, GAP)])
 def test_heads_that_are_right_again_are_believed_again(place, off, gap):
     """Of the 10 s 1.5 s are off, and valid output comes within a second of their end."""

@@ -121,6 +121,7 @@ def test_a_replay_of_a_gap_is_what_went_out(seed, gap):
     assert_same_bits(estimates(changed, decisions_of(live)), live)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_a_head_that_comes_back_as_it_was_counts_at_once(layout):
     """The ring is where it was before, or at this angle a turn ago."""

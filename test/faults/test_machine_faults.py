@@ -264,7 +264,7 @@ def test_joint_states_that_begin_wrong(seed, count, wrong):
     check(seed, run(Machine(seed), change), 0.0, end, "joint states are not believed|no joint states")
 
 
-@pytest.mark.few(3)
+@pytest.mark.few(2)
 @shows(
     Row(
         "joints",

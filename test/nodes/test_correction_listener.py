@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import os
+import re
 import subprocess
 import sys
 import time
@@ -218,3 +219,19 @@ def test_a_publisher_that_cannot_be_heard_is_named_with_the_reason(mock):
         lambda: "/test_harness (not heard: ERROR: Best effort" in mock.figures(STATUS)["publishers"], "its name"
     )
     assert mock.status(STATUS).message == "held: no correction has come yet on /machine/axis_corrections"
+
+
+def test_the_log_ends_with_what_is_so_however_often_it_changes(mock, capfd):
+    """Each state is logged once a second at most: the last one of several is logged as soon as it is due."""
+    corrector, log = CorrectionMaker(mock), ""
+
+    def logs(word):
+        nonlocal log
+        log += capfd.readouterr().err
+        return re.findall("corrections: (applied|held)", log)[-1:] == [word]
+
+    for _ in range(3):
+        corrector.until(lambda: mock.has_status(STATUS, "applied"), "corrections that are applied")
+        mock.wait_for_status(STATUS, "no correction comes")
+    corrector.until(lambda: logs("applied"), "the log to say that corrections are applied")
+    mock.wait_until(lambda: logs("held"), "the log to say that they are held")

@@ -57,6 +57,7 @@ def test_the_level_of_noise_is_found_to_a_few_per_cent(seed, factor):
         assert 0.96 * level < problem.noise.levels[name] < 1.08 * level, name
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("form", ["tails", "flicker"])
 @pytest.mark.parametrize("seed", [41, 42])
 def test_noise_of_another_form_is_not_quieter(seed, form):
