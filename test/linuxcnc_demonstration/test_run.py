@@ -2,10 +2,13 @@
 
 import dataclasses
 import math
+import re
 import shutil
+import time
 
 import numpy as np
 import pytest
+from faults.live.other_programs import check, family, lost_time
 
 from rotary_error_monitor.cli import main
 from rotary_error_monitor.description.machine import load_machine
@@ -15,6 +18,7 @@ from rotary_error_monitor.linuxcnc_controller.kinematics import RotaryTableKinem
 from rotary_error_monitor.linuxcnc_controller.protocol import End, Observation
 from rotary_error_monitor.linuxcnc_demonstration import run as linuxcnc_run
 from rotary_error_monitor.linuxcnc_demonstration.run import (
+    LARGEST_LATE,
     LARGEST_SHARE,
     LinuxcncRun,
     Seen,
@@ -25,6 +29,7 @@ from rotary_error_monitor.linuxcnc_demonstration.run import (
 )
 from rotary_error_monitor.machine.correction import solve_axis_corrections
 from rotary_error_monitor.machine.kinematics import arrange_machine
+from rotary_error_monitor.signals.blocks import NANOSECONDS
 from rotary_error_monitor.sources.follower import followed_plant
 from rotary_error_monitor.sources.mock import MockSettings
 
@@ -42,11 +47,17 @@ OPTIONS = LinuxcncRun()
 def test_the_tool_error_along_a_program_falls_to_a_twentieth(capsys):
     if shutil.which("linuxcnc") is None:
         pytest.skip("LinuxCNC is not installed (apt-get install linuxcnc-uspace)")
-    code = main(["run-linuxcnc"])
+    with lost_time(family) as lost:
+        begin_ns = time.monotonic_ns()
+        code = main(["run-linuxcnc"])
+        took_ns = time.monotonic_ns() - begin_ns
     said = capsys.readouterr().out
-    assert code == 0, said
     assert SHARE in said
-    assert LATE in said
+    beyond = [line for line in said.splitlines() if "OUT OF BOUNDS" in line]
+    # on a computer that others keep busy more may come late; it is said, and the error of what came in time is bounded
+    assert all(LATE in line for line in beyond) and bool(code) == bool(beyond), said
+    late = float(re.search(rf"{LATE} +([\d.]+)", said)[1]) / 100
+    check(LATE, round(late * took_ns), LARGEST_LATE / 100 * took_ns / NANOSECONDS, lost())
 
 
 @pytest.fixture(scope="module")
