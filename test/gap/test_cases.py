@@ -41,26 +41,31 @@ def test_machine_without_a_gap(case):
     assert diagnosed(case)[0]["verdict"] == "no_gap"
 
 
+@pytest.mark.few(2)
 @pytest.mark.cases("open", "stage", "single", most=3)
 def test_clean_stage_with_one_effect(case):
     check_explained(case)
 
 
+@pytest.mark.few(2)
 @pytest.mark.cases("rough_open", "stage", "single", most=3)
 def test_rough_stage_with_one_effect(case):
     check_explained(case)
 
 
+@pytest.mark.few(1)
 @pytest.mark.cases("open", "stage", "pair", most=2)
 def test_clean_stage_with_two_effects(case):
     check_explained(case)
 
 
+@pytest.mark.few(1)
 @pytest.mark.cases("open", "stage", "unknown", most=2)
 def test_clean_stage_with_something_unknown(case):
     assert diagnosed(case)[0]["verdict"] == "unknown"
 
 
+@pytest.mark.few(1)
 @pytest.mark.cases("rough_open", "stage", "unknown", most=2)
 def test_rough_stage_with_something_unknown(case):
     assert diagnosed(case)[0]["verdict"] == "unknown"

@@ -100,6 +100,7 @@ def topics_of(cell, node, namespace=""):
     return {name for name, _ in published if name in contract} - {"/diagnostics"}
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize(
     ("node_class", "name", "parameters"),
     [
@@ -146,6 +147,7 @@ def test_what_does_not_simulate_says_nothing_of_it(cell, capfd, node_class, name
     assert "simulated" not in capfd.readouterr().err
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("namespace", ["", "/left"])
 @pytest.mark.parametrize("ending", ["end", "kill"])
 def test_a_bag_says_which_of_its_streams_were_simulated(cell, tmp_path, namespace, ending):

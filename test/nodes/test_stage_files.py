@@ -113,7 +113,7 @@ def check_samples(bag, plant):
         assert_samples(recorded[topic][len(recorded[topic]) // 2], plant, stream)
 
 
-@pytest.mark.few(4)
+@pytest.mark.few(2)
 @pytest.mark.parametrize("name", STAGES)
 def test_from_the_cell_to_the_diagnosis(name, tmp_path, capsys, install_kind):
     case = STAGES[name]

@@ -183,6 +183,8 @@ class LiveCell:
         """Stamp of the first estimate after `since_ns` that uses all streams and lacks nothing."""
         until_ns = self.clock() + AHEAD_NS
         for block in self.heard.motion:
+            if block.newest_ns < since_ns:
+                continue
             full = (block.column("streams") == ALL_STREAMS) & (block.column("observable") == ALL_COMPONENTS)
             full &= (block.times_ns >= since_ns) & (block.times_ns <= until_ns)
             if full.any():

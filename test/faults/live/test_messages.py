@@ -57,6 +57,7 @@ def speak_until(live, say, condition, what, pause=0.025):
     live.wait(step, what)
 
 
+@pytest.mark.few(3)
 @shows(
     Row(
         group="messages",

@@ -83,6 +83,7 @@ def test_a_process_is_stopped_for_two_seconds(live, chance, kind):
     live.judge(begin_ns)
 
 
+@pytest.mark.few(2)
 @shows(
     Row(
         group="processes",
