@@ -21,7 +21,6 @@ place of the turn do: something is there.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -36,7 +35,7 @@ from rotary_error_monitor.noise.jitter import Jitter
 from rotary_error_monitor.noise.lost_samples import between_samples, bridge, input_gaps, inside, turning_points
 from rotary_error_monitor.noise.slow_noise import Cells, SlowNoise, cells_of
 from rotary_error_monitor.noise.spikes import find_head_spikes, find_spikes
-from rotary_error_monitor.noise.whitening import Whitener, drift_predictor, few_at_once, predictor, segments_of
+from rotary_error_monitor.noise.whitening import Whitener, drift_predictor, few_at_once, predictor, runs_of, segments_of
 from rotary_error_monitor.sensors.library import COMMAND, instrument_of, sensor_kinds, sensor_of
 from rotary_error_monitor.twin.recording import StageRecording, Stream
 
@@ -374,7 +373,7 @@ class StageNoise:
             spikes = self.spikes[name][:, i]
             if name in self._whiteners:
                 bridged = bridge(values[:, i], spikes)
-                white = self._whiteners[name].apply(bridged, self._runs(name))
+                white = self._whiteners[name].apply(bridged, runs_of(self._streams[name], self._kept[name]))
             else:
                 white = values[:, i] / self.std[instrument_of(name)]
                 white *= self._kept[name][:, None]
@@ -384,16 +383,6 @@ class StageNoise:
                 white *= self._weights[name][:, i, None]
             rows[channel] = white
         return rows
-
-    def _runs(self, name: str) -> list[slice]:
-        """Runs of a stream without gaps."""
-        stream, kept = self._streams[name], self._kept[name]
-        breaks = np.flatnonzero(np.diff(stream.time) > 1.5 * stream.period) + 1
-        bounds = [0, *breaks.tolist(), len(stream.time)]
-        found = []
-        for start, stop in itertools.pairwise(bounds):
-            found += [slice(start + s.start, start + s.stop) for s in segments_of(kept[start:stop])]
-        return found
 
     def _turbulence_filters(self) -> dict[str, Whitener]:
         """Of the sensors whose noise has a slow part."""

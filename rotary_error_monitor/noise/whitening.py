@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.twin.recording import Stream
 
 AT_ONCE = 2**15
 """Numbers of a column or of several that are worked on together: these fit into a processor's cache."""
@@ -155,3 +157,12 @@ def segments_of(present: NDArray[np.bool_]) -> list[slice]:
     """Runs of consecutive samples that are present."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], present.astype(np.int8), [0]])))
     return [slice(int(start), int(stop)) for start, stop in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def runs_of(stream: Stream, kept: NDArray[np.bool_]) -> list[slice]:
+    """Runs of the samples `kept` (n,) of a stream between which none was lost."""
+    breaks = np.flatnonzero(np.diff(stream.time) > 1.5 * stream.period) + 1
+    found = []
+    for start, stop in itertools.pairwise([0, *breaks.tolist(), len(stream.time)]):
+        found += [slice(start + run.start, start + run.stop) for run in segments_of(kept[start:stop])]
+    return found
