@@ -42,7 +42,7 @@ def stream_limits(stage: StageDescription) -> dict[str, tuple[tuple[str, ...], S
 
 def _described_tilts(stage: StageDescription) -> DescribedPath:
     """Tilts of the mirror, rad, over a turn of the rotor."""
-    theta = np.arange(PLACES) * (TURN / PLACES)
+    theta = np.linspace(0.0, TURN, PLACES, endpoint=False)
     mirror = -remove_mirror(np.zeros((PLACES, 2)), theta, stage.mirror)
     return DescribedPath(planar_sum(stage.spindle.tilt, theta) + mirror)
 

@@ -281,8 +281,9 @@ class Admission:
             limit = np.maximum(SPIKE_SIGMAS * SPREAD_OF_FIVE * self._noise, allowed[complete])
             spikes[judged] = (stands > limit).any(axis=1)
             if self.limits.path is not None and spikes.any():
-                accused, off = judged[spikes[judged]], np.hypot(*stands[spikes[judged]].T)
-                spikes[accused] = ~self.limits.path.goes_on(rows[accused[:, None] + np.arange(-1, 2)], off)
+                accused, off = judged[spikes[judged]], stands[spikes[judged]]
+                three = rows[accused[:, None] + np.arange(-1, 2)]
+                spikes[accused] = ~self.limits.path.goes_on(three, np.hypot(off[:, 0], off[:, 1]))
         return spikes[:-1], free - before
 
     def _swing(self, bends: Array, rows: NDArray[np.int64]) -> Array:
