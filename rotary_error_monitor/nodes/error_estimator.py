@@ -5,6 +5,7 @@ ros2 run rotary_error_monitor error_estimator --ros-args -p stage:=my_stage.yaml
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
@@ -103,6 +104,7 @@ class ErrorEstimator(ManagedNode):
         self._open_heights()
         self._pose_pace, self._figures_pace = Pace(_POSE_PERIOD), Pace(_FIGURES_PERIOD)
         self._reported = (0, 0, 0)
+        self._unjoined = Counter[str]()
         self._observable = np.zeros(len(COMPONENTS), np.bool_)
         now_ns, patience = self.now_ns(), self.setting("patience")
         self._output = StreamWatch(self._samples.name, patience, _SILENT_AFTER, now_ns, outgoing=True)
@@ -219,12 +221,17 @@ class ErrorEstimator(ManagedNode):
         totals = (status.withheld, status.unobservable, status.saturated)
         withheld, unobservable, saturated = (now - before for now, before in zip(totals, self._reported, strict=True))
         self._reported = totals
+        unjoined, self._unjoined = status.unjoined - self._unjoined, status.unjoined.copy()
         level, reasons = Level.OK, []
         for badness, reason in (
             (Level.ERROR, f"{withheld} estimates withheld: the heads contradict one another" if withheld else ""),
             (Level.ERROR, f"{unobservable} estimates impossible: {self._lacking()}" if unobservable else ""),
             (Level.ERROR, f"no estimate: {flow.message}" if flow.level == Level.ERROR else ""),
             (Level.WARN, f"{saturated} samples at the end of an instrument's range" if saturated else ""),
+            *(
+                (Level.WARN, f"{count} estimates without a value of {name}: samples are missing or too far apart")
+                for name, count in unjoined.items()
+            ),
             *self._doubts(flow.level == Level.ERROR),
             *((Level.WARN, self._too_far_apart([name])) for name in self._sparse(rotation=not unobservable)),
         ):

@@ -103,6 +103,7 @@ class Estimator:
         self._next: int | None = None
         self._watermark = -1
         self._longest_block_ns = 0
+        self.status.joined = 0
 
     @property
     def unrepeated(self) -> Mapping[str, list[NDArray[np.int64]]]:
@@ -366,6 +367,8 @@ class Estimator:
             seen, publish = seen & published, publish & published
         self.status.withheld += int((seen & ~publish).sum())
         publish &= seen
+        judged = {name: bit for name, bit in self._bits.items() if bit & self._judged_bits & ~self.belief.unusable}
+        self.status.note_unjoined(judged, there[:done], publish)
         self.status.estimates += int(publish.sum())
         self.status.disagreement = float(disagreement[done - 1])
         if publish.all():

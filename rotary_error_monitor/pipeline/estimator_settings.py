@@ -6,6 +6,9 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.signals.streams import SampleStream
 
@@ -76,6 +79,9 @@ class EstimatorStatus:
         turns: whole turns that were taken out of the heads, to count as the command does.
         absent: streams that nobody waits for now.
         sparse: streams whose samples are further apart than `max_gap`, or nearly so: their stamps scatter.
+        unjoined: ticks published without a value of a stream that nobody takes for absent, by stream: samples between
+            which a value would lie are missing, or not joined for they are too far apart or too uneven.
+        joined: bit mask of the streams that had a value since the start, or since the clock was set back.
         refused: messages refused by their time of arrival, by stream and reason.
         disagreement: contradiction among the heads at the latest tick, standard deviations.
         unseen_orders: harmonics of the graduation, up to `HIGHEST_ORDER`, that the heads in use cannot contradict: they
@@ -91,6 +97,8 @@ class EstimatorStatus:
     turns: int = 0
     absent: tuple[str, ...] = ()
     sparse: tuple[str, ...] = ()
+    unjoined: Counter[str] = field(default_factory=Counter)
+    joined: int = 0
     refused: Counter[tuple[str, str]] = field(default_factory=Counter)
     disagreement: float = 0.0
     unseen_orders: tuple[int, ...] = ()
@@ -99,6 +107,22 @@ class EstimatorStatus:
     def note_sparse(self, max_gap_ns: int) -> None:
         """Take note of the streams whose samples are not joined, or nearly so."""
         self.sparse = tuple(name for name, each in self.streams.items() if each.spacing_ns > NEARLY * max_gap_ns)
+
+    def note_unjoined(self, bits: Mapping[str, int], there: NDArray[np.int64], published: NDArray[np.bool_]) -> None:
+        """Count the published ticks at which a stream lacks that had a value before.
+
+        Args:
+            bits: of the streams of which that would not be said otherwise, by name.
+            there: (m,) bit mask of the streams that have a value at each tick.
+            published: (m,) whether it is published.
+        """
+        expected = sum(bits.values()) & self.joined
+        lacking = (expected & ~there)[published]
+        if lacking.any():
+            for name, bit in bits.items():
+                if name not in self.absent and (count := int((lacking & bit != 0).sum())):
+                    self.unjoined[name] += count
+        self.joined |= int(np.bitwise_or.reduce(there))
 
     def too_far_apart(self, names: Sequence[str], max_gap_ns: int) -> str:
         """That samples of these streams are not joined, and why."""

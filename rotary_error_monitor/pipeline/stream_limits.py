@@ -8,11 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.metrology.error_motion import remove_mirror
+from rotary_error_monitor.metrology.harmonics import planar_sum
 from rotary_error_monitor.metrology.tilt import check_saturation
 from rotary_error_monitor.pipeline.ticks import AUTOCOLLIMATOR, COMMAND
 from rotary_error_monitor.sensors.library import listed_kind
 from rotary_error_monitor.signals.admission import LARGEST_ANGLE, SampleLimits
 from rotary_error_monitor.signals.blocks import SampleBlock
+from rotary_error_monitor.signals.described_path import PLACES, DescribedPath
+from rotary_error_monitor.units import TURN
 
 
 def stream_limits(stage: StageDescription) -> dict[str, tuple[tuple[str, ...], SampleLimits]]:
@@ -25,7 +29,8 @@ def stream_limits(stage: StageDescription) -> dict[str, tuple[tuple[str, ...], S
     if instrument is not None:
         # Zero and axes of its own shift and turn what it can read against the tilts that are left of its readings.
         largest = stage.response(AUTOCOLLIMATOR).largest(2.0 * instrument.range)
-        tilts = SampleLimits(largest, noise=math.hypot(instrument.noise, instrument.resolution))
+        noise = math.hypot(instrument.noise, instrument.resolution)
+        tilts = SampleLimits(largest, noise=noise, path=_described_tilts(stage))
         found[AUTOCOLLIMATOR] = ("tilt_x", "tilt_y"), tilts
     # where the command is the rotation, its fields are held against one another
     found[COMMAND] = ("angle",) if encoder else ("angle", "velocity"), angles
@@ -33,6 +38,13 @@ def stream_limits(stage: StageDescription) -> dict[str, tuple[tuple[str, ...], S
         step = math.hypot(sensor.noise, sensor.resolution)
         found[name] = listed_kind(sensor).fields, SampleLimits(2.0 * sensor.range, noise=step)
     return found
+
+
+def _described_tilts(stage: StageDescription) -> DescribedPath:
+    """Tilts of the mirror, rad, over a turn of the rotor."""
+    theta = np.linspace(0.0, TURN, PLACES, endpoint=False)
+    mirror = -remove_mirror(np.zeros((PLACES, 2)), theta, stage.mirror)
+    return DescribedPath(planar_sum(stage.spindle.tilt, theta) + mirror)
 
 
 def is_saturated(stage: StageDescription, name: str, block: SampleBlock) -> NDArray[np.bool_]:

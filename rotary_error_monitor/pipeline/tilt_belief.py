@@ -290,9 +290,9 @@ class TiltBelief:
         return f"{surplus * 1e6:.3g} µrad from the described tilt; the stage tilts by {most:.3g} at most"
 
     def _misread(self, number: int, deviation: float, new: bool) -> str:
-        """What the figure shows where its angle is new, and now and then."""
+        """What the figure shows where its angle is new, and now and then; in between what it showed last."""
         if not new and number % SHORT:
-            return self.doubt if self.doubt.startswith(_MISREAD) else ""
+            return self.doubt if self._finding is not None and self.doubt.startswith(_MISREAD) else ""
         found = self._finding = self.figure.judge(deviation)
         if found is None:
             return ""
@@ -368,13 +368,13 @@ class TiltBelief:
     def _is_back(self) -> bool:
         """Whether the tilt is near where it was before it was doubted; the description where nothing was before.
 
-        Or where it was most of the time, where a step does not begin a fault that was not seen but ends it.
+        Or where it was most of the time: a fault may have begun unseen, so that it was there already just before.
         """
         surplus, noise = self._here.surplus, SIGMAS * math.hypot(self._deviation, self._drifted)
         if distance(surplus, self._before or (0.0, 0.0)) <= self._near + noise:
             return True
-        near = STAYED * self._size + noise
-        return self._size > 0.0 and self._usual.is_at(surplus, (near, near))
+        near = STAYED * (self._size or self._limits.tilt) + noise
+        return self._usual.is_at(surplus, (near, near))
 
     def _fits_again(self) -> bool | None:
         """Whether the description explains this window, and what was found does not; None where nothing tells."""

@@ -18,6 +18,7 @@ from rotary_error_monitor.arrays import Array, Mask, differences
 from rotary_error_monitor.libraries import address
 from rotary_error_monitor.signals.arrival import FUTURE
 from rotary_error_monitor.signals.blocks import SampleBlock
+from rotary_error_monitor.signals.described_path import DescribedPath
 from rotary_error_monitor.signals.kernel import Kernel, Limits
 from rotary_error_monitor.units import TURN
 
@@ -76,6 +77,7 @@ class SampleLimits:
         turns: whether a value may start again after a whole turn.
         jitter: change that noise and resolution may add to that, at most.
         noise: standard deviation of a sample, resolution included; spikes are told by it. Without it they are not.
+        path: what samples of two values are described to show over a turn: what goes on along it is no spike.
     """
 
     largest: float = math.inf
@@ -83,6 +85,7 @@ class SampleLimits:
     turns: bool = False
     jitter: float = 0.0
     noise: float | None = None
+    path: DescribedPath | None = None
 
 
 @dataclass
@@ -234,8 +237,9 @@ class Admission:
         """Samples without those that jump off from where the two before lead, and stand off from the median of five.
 
         How far they may is what noise allows or, where the signal bends more than that from sample to sample, a
-        multiple of what it did over the last ones. A step is none: the median follows it. Only what jumps off, and the
-        one behind it, waits for its neighbours: what one sample costs in time, no estimate should pay for another.
+        multiple of what it did over the last ones. A step is none: the median follows it. Nor is what a rotor shows
+        that turns on, as where its speed rises between few samples a turn. Only what jumps off, and the one behind it,
+        waits for its neighbours: what one sample costs in time, no estimate should pay for another.
         """
         if self._waiting is not None:
             times, values = np.concatenate([self._waiting[0], times]), np.concatenate([self._waiting[1], values])
@@ -276,6 +280,10 @@ class Admission:
             stands = np.abs(rows[judged] - np.partition(five, 2, axis=1)[:, 2])
             limit = np.maximum(SPIKE_SIGMAS * SPREAD_OF_FIVE * self._noise, allowed[complete])
             spikes[judged] = (stands > limit).any(axis=1)
+            if self.limits.path is not None and spikes.any():
+                accused, off = judged[spikes[judged]], stands[spikes[judged]]
+                three = rows[accused[:, None] + np.arange(-1, 2)]
+                spikes[accused] = ~self.limits.path.goes_on(three, np.hypot(off[:, 0], off[:, 1]))
         return spikes[:-1], free - before
 
     def _swing(self, bends: Array, rows: NDArray[np.int64]) -> Array:

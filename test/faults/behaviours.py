@@ -323,8 +323,8 @@ BEHAVIOUR = (
         ("autocollimator_spikes",),
         "autocollimator",
         "samples refused: a spike; `error_estimator: estimate` names one of many samples: a step that no bearing makes",
-        "what stands off from the median of five by more than noise and the samples before it explain is left out; a "
-        "step that came back may come again, and counts as uncertainty for 10 s",
+        "what stands off from the median of five by more than noise, the samples before it and a rotor that turns on "
+        "explain is left out; a step that came back may come again, and counts as uncertainty for 10 s",
         "everything, tilt with that uncertainty; of samples 10 ms apart and more, a spike of five that rises no "
         "faster than `limits.tilt_rate` and noise allow is a tilt",
         "within 1 s of its end, once it was for 0.5 s near what it was before",

@@ -102,6 +102,8 @@ class _Counts:
         yield "saturated", status.saturated
         for (name, reason), count in status.refused.items():
             yield f"{name} refused: {reason}", count
+        for name, count in status.unjoined.items():
+            yield f"{name} unjoined", count
         for name, stream in status.streams.items():
             yield f"{name} lost", stream.lost  # as the watch of the node counts it
             for reason, count in stream.admission.refused.items():

@@ -233,6 +233,18 @@ def test_a_short_gap_costs_only_its_own_ticks():
     assert estimator.status.streams["head_d"].lost == 1
 
 
+@pytest.mark.parametrize("lost", [1, 2, 3])
+@pytest.mark.parametrize("rate", [60.0, 90.0])
+def test_what_lacks_for_a_gap_that_is_not_joined_is_counted(rate, lost):
+    """Also where it is no more than one sample, which may as well be the scatter of stamps."""
+    gone = {"autocollimator": {"rate": rate, "block": 1.0 / rate, "drop": ((0.299, 0.299 + lost / rate),)}}
+    estimator, result = run(in_order(streams(**gone)))
+    tilt = result.observable[:, 3]
+    lacking = ~tilt[np.flatnonzero(tilt)[0] :]
+    assert np.sum(lacking) > 20
+    assert estimator.status.unjoined == {"autocollimator": np.sum(lacking)}
+
+
 @pytest.mark.parametrize("pause", [8, 30 * 86400])
 def test_after_a_pause_of_any_length_the_rotation_is_told_as_before(pause):
     turns = pause * 1_000_000_000

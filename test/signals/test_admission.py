@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -22,11 +23,24 @@ from rotary_error_monitor.signals.admission import (
     SampleLimits,
 )
 from rotary_error_monitor.signals.arrival import FUTURE, OLD, ArrivalCheck
+from rotary_error_monitor.signals.described_path import PLACES, DescribedPath
 from rotary_error_monitor.units import TURN
 
 MS = 1_000_000
+
+
+def shown(size, angle):
+    """(n, 2) what a mirror shows whose tilt is that large, and which is a little uneven."""
+    return size * np.column_stack([np.cos(angle) + 0.03 * np.sin(2 * angle), np.sin(angle) - 0.05 * np.cos(3 * angle)])
+
+
+def along(size):
+    """Limits of an autocollimator that looks at that mirror."""
+    return SampleLimits(largest=1e-3, noise=5e-7, path=DescribedPath(shown(size, np.arange(PLACES) * (TURN / PLACES))))
+
+
 ANGLE = SampleLimits(largest=1e7, speed=10.0, turns=True, jitter=1e-3)
-TILT = SampleLimits(largest=1e-3, noise=5e-7)
+TILT = along(8e-5)
 
 
 def admit(admission, times, values, cuts=()):
@@ -135,7 +149,7 @@ def tilts(generator, count=400):
     times = np.arange(count) * 2_500_000
     angle = 2.0 * times * 1e-9
     noise = generator.normal(0.0, TILT.noise, (count, 2))
-    return times, 8e-5 * np.column_stack([np.cos(angle), np.sin(angle)]) + noise
+    return times, shown(8e-5, angle) + noise
 
 
 @settings(deadline=None, max_examples=60)
@@ -186,13 +200,47 @@ def test_a_signal_that_begins_to_move_loses_next_to_nothing(jolt):
         assert admission.refused[SPIKE] <= 2
 
 
+def speeding_up(seed):
+    """Times and readings of a rotor that speeds up and turns back between few samples a turn, limits, a generator."""
+    generator = np.random.default_rng(seed)
+    rate, size = generator.uniform(52.0, 90.0), math.exp(generator.uniform(math.log(2e-5), math.log(5e-4)))
+    steady = generator.choice([-1.0, 1.0]) * generator.uniform(35.0, 60.0)
+    ramp = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, round(rate * abs(steady) / generator.uniform(50.0, 400.0))))
+    speed = np.concatenate([np.zeros(40), steady * ramp, [steady] * 60, steady * (1.0 - 2.0 * ramp), [-steady] * 60])
+    values = shown(size, generator.uniform(0.0, TURN) + np.cumsum(speed) / rate)
+    times = np.round(np.arange(len(speed)) / rate * 1e9).astype(np.int64)
+    return times, values + generator.normal(0.0, TILT.noise, values.shape), along(size), generator
+
+
+def test_what_goes_on_along_its_description_is_no_spike_however_few_samples_there_are_in_a_turn():
+    along_it, without = 0, 0
+    for seed in range(60):
+        times, values, limits, generator = speeding_up(seed)
+        for path in (limits.path, None):
+            admission = Admission(replace(limits, path=path))
+            admit(admission, times, values, np.sort(generator.integers(1, len(times), 30)))
+            along_it += admission.refused[SPIKE] * (path is not None)
+            without += admission.refused[SPIKE] * (path is None)
+    assert without > 60
+    assert along_it <= 0.1 * without
+
+
+def test_of_few_samples_in_a_turn_the_same_spikes_are_left_out_with_a_description_as_without():
+    for seed in range(60):
+        times, values, limits, generator = speeding_up(seed)
+        values[[15, 25, 35, -50, -30, -10]] += generator.choice([-1.0, 1.0], (6, 2)) * generator.uniform(1e-5, 5e-4)
+        kept = [admit(Admission(replace(limits, path=path)), times, values)[0] for path in (limits.path, None)]
+        spikes = times[[15, 25, 35, -50, -30, -10]]
+        np.testing.assert_array_equal(*(np.intersect1d(each, spikes) for each in kept))
+
+
 @settings(deadline=None, max_examples=60)
 @given(st.integers(0, 2**31), st.integers(1, 2), st.floats(40.0, 1000.0), st.floats(0.0, 3.0))
 def test_spikes_of_any_size_beyond_the_noise_are_left_out_of_a_smooth_signal(seed, width, sigmas, speed):
     generator = np.random.default_rng(seed)
     times = np.arange(400) * 2_500_000
     angle = speed * times * 1e-9
-    values = 8e-5 * np.column_stack([np.cos(angle), np.sin(angle)]) + generator.normal(0.0, TILT.noise, (400, 2))
+    values = shown(8e-5, angle) + generator.normal(0.0, TILT.noise, (400, 2))
     wrong = np.sort(generator.choice(np.arange(20, 380, 40), 4, replace=False))
     spikes = np.sort(np.concatenate([wrong + i for i in range(width)]))
     values[spikes, generator.integers(2)] += generator.choice([-1.0, 1.0]) * sigmas * TILT.noise
@@ -209,14 +257,15 @@ def test_what_is_a_spike_does_not_depend_on_how_samples_came(seed, cuts, noisier
     generator = np.random.default_rng(seed)
     times = np.arange(400) * 10 * MS
     angle = np.cumsum(np.repeat(generator.uniform(0.0, 1.5, 8), 50))
-    values = generator.uniform(0.0, 4e-5) * np.column_stack([np.cos(angle), np.sin(angle)])
+    size = generator.uniform(0.0, 4e-5)
+    limits, values = along(size), shown(size, angle)
     values += noisier * generator.normal(0.0, TILT.noise, values.shape)
     wrong = generator.random(400) < generator.choice([0.01, 0.1, 0.3])
     values[wrong] += generator.normal(0.0, 1.0, (wrong.sum(), 2)) * 10.0 ** generator.uniform(-6.5, -4.0)
     values[generator.integers(400) :] += generator.normal(0.0, 3e-5, 2)
-    whole, parts = Admission(TILT), Admission(TILT)
+    whole, parts = Admission(limits), Admission(limits)
     at_once, taken = admit(whole, times, values), admit(parts, times, values, sorted(cuts))
-    single = admit(Admission(TILT), times, values, range(1, 400))
+    single = admit(Admission(limits), times, values, range(1, 400))
     for other in (taken, single):
         np.testing.assert_array_equal(other[0], at_once[0])
         np.testing.assert_array_equal(other[1], at_once[1])
