@@ -13,10 +13,14 @@ from scipy.special import stdtrit
 from rotary_error_monitor.analysis.motion import SegmentFigures
 from rotary_error_monitor.analysis.signals import ROTATING
 from rotary_error_monitor.arrays import Array, Times
-from rotary_error_monitor.metrology.spindle_figures import COVERAGE, Value
+from rotary_error_monitor.metrology.spindle_figures import COVERAGE, DRAWS, FROM_TWICE, Value
 
 LEAST_WARMING = 0.1
 """Change of temperature from which a slope over it is told, K: thermometers of machines resolve some hundredths."""
+
+
+_GENERATOR = 230_3
+"""Seed: the same recording gives the same figures."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +46,7 @@ class Drift:
         unit: `m` or `rad`.
         times_ns: (t,) middle of each whole turn of the recording.
         means: (t,) of the signal over the turn, less that of all turns.
-        range: largest less smallest of them.
+        range: largest less smallest of them at one speed in one direction, less what the noise of the readings adds.
         slopes: by thermometer, per K, at one and the same speed and direction; none where it hardly warmed.
     """
 
@@ -55,7 +59,7 @@ class Drift:
 
 
 def estimate_drifts(segments: Sequence[SegmentFigures], temperatures: Mapping[str, Samples]) -> tuple[Drift, ...]:
-    """Drift of each signal in a direction that stands still, where the recording has two whole turns.
+    """Drift of each signal in a direction that stands still, where two whole turns are at one speed in one direction.
 
     Means over whole turns are free of all that comes back in each turn.
     """
@@ -68,19 +72,64 @@ def _drift(key: str, segments: Sequence[SegmentFigures], temperatures: Mapping[s
     times = np.concatenate([f.middle_ns for _, f in found])
     means = np.concatenate([f.means for _, f in found])
     owner = np.concatenate([np.full(f.turns, i) for i, f in found])
-    if len(times) < 2:
+    if all(f.turns < 2 for _, f in found):
         return
     order = np.argsort(times, kind="stable")
     times, means, owner = times[order], means[order], owner[order]
-    deviation = max(f.mean_uncertainty for _, f in found)
-    spread = float(np.ptp(means))
+    noise = np.array([f.mean_noise for _, f in found for _ in range(f.turns)])[order]
     slopes = {
         name: slope
         for name, samples in temperatures.items()
         if (slope := _slope(means, samples.at(times), owner)) is not None
     }
-    wander = Value(spread, spread, math.sqrt(2) * deviation)
+    wander = _range(means, owner, noise)
     yield Drift(key, found[0][1].unit, times, means - means.mean(), wander, slopes)
+
+
+def _range(means: Array, owner: NDArray[np.int64], noise: Array) -> Value:
+    """Largest range of means (t,), in the order of time, among those at one speed in one direction.
+
+    Between directions and speeds lies what stands still at one speed, as a displacement by stamps that are apart does.
+
+    Noise makes a range larger: it is extrapolated to none, as error motion values are. How far it would scatter in
+    other recordings is told by the distances of means from the line through both neighbours, in which a slow drift has
+    hardly a part (Gasser, Sroka and Jennen-Steinmetz, Biometrika 73, 1986); of two turns, by their difference.
+
+    Args:
+        means: of the turns.
+        owner: (t,) which direction and speed each belongs to.
+        noise: (t,) standard deviation of each by the readings.
+    """
+    order = np.argsort(owner, kind="stable")
+    begins = np.flatnonzero(np.diff(owner[order], prepend=-1))
+
+    def wander(values: Array) -> float:
+        sorted_values = values[order]
+        return float((np.maximum.reduceat(sorted_values, begins) - np.minimum.reduceat(sorted_values, begins)).max())
+
+    measured = wander(means)
+    variance, degrees = _scatter(means[order], owner[order])
+    scatter = np.maximum(noise, math.sqrt(variance))
+    generator = np.random.default_rng(_GENERATOR)
+    draws = [generator.standard_normal(len(means)) for _ in range(DRAWS)]
+    louder = np.array([wander(means + noise * each) for each in draws])
+    others = np.array([wander(means + scatter * each) for each in draws])
+    correction = min(max(FROM_TWICE * float(louder.mean() - measured), 0.0), measured)
+    drawn = FROM_TWICE * float(louder.std()) / math.sqrt(DRAWS)
+    factor = float(stdtrit(degrees, 0.975)) / COVERAGE
+    # the correction may be wrong by as much as itself: rectangular (JCGM 100:2008, 4.3.7)
+    parts = (factor * float(others.std()), correction / math.sqrt(3), drawn)
+    return Value(measured - correction, measured, math.hypot(*parts))
+
+
+def _scatter(means: Array, owner: NDArray[np.int64]) -> tuple[float, float]:
+    """Variance of a mean from turn to turn, and its degrees of freedom, from means sorted by their owner."""
+    bends = np.diff(means, 2)[owner[2:] == owner[:-2]]
+    if len(bends):
+        # neighbours share two means of three: the variance of their squares' mean is 35/9 σ⁴ over their number
+        return float((bends**2).mean()) / 6, max(18 / 35 * len(bends), 1.0)
+    steps = np.diff(means)[owner[1:] == owner[:-1]]
+    return float((steps**2).mean()) / 2, float(len(steps))
 
 
 def _slope(means: Array, temperature: Array, owner: NDArray[np.int64]) -> Value | None:

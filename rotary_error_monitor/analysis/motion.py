@@ -17,7 +17,7 @@ from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.metrology.circles import CENTRES, Centre, find_centre
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 from rotary_error_monitor.metrology.order_spectrum import OrderSpectrum, estimate_orders, orders_like_radial
-from rotary_error_monitor.metrology.spindle_figures import SignalNoise, Value, estimate_values
+from rotary_error_monitor.metrology.spindle_figures import SignalNoise, Value, estimate_values, mean_noise
 from rotary_error_monitor.metrology.turns import MOST_WAVES, SAMPLES_A_WAVE, TurnProfiles
 from rotary_error_monitor.signals.rows import Keep, RowsInMemory
 from rotary_error_monitor.units import TURN
@@ -41,7 +41,7 @@ class SignalFigures:
         synchronous, lowest, highest: (k,) mean over the turns, smallest and largest of them.
         means: (n,) of each turn.
         middle_ns: (n,) timestamp (ns) of the middle of each turn.
-        mean_uncertainty: standard uncertainty of such a mean by the estimate's random part.
+        mean_noise: standard deviation of such a mean by the noise of the readings.
     """
 
     signal: str
@@ -59,7 +59,7 @@ class SignalFigures:
     highest: Array
     means: Array
     middle_ns: NDArray[np.int64]
-    mean_uncertainty: float
+    mean_noise: float
 
 
 @dataclass(frozen=True)
@@ -202,5 +202,5 @@ def _figures(
         summary.highest,
         np.concatenate([profiles.mean(axis=1) for profiles, _ in turns.parts(number)]),
         turns.labels.mean(axis=1).astype(np.int64),
-        noise.random / math.sqrt(turns.samples),
+        mean_noise(turns, number, summary.mean, noise.random),
     )

@@ -137,7 +137,7 @@ def _torn(path: Path, contents: Sequence[FileContent]) -> Iterator[str]:
         problem = next((found.problem for found in torn if found.problem), "")
         yield (
             f"{path}: {state}; {_readable(contents)}"
-            + (f", without {damaged} damaged records in between" if damaged else "")
+            + (f", without {damaged} damaged record{'s' * (damaged != 1)} in between" if damaged else "")
             + (f" ({problem})" if problem else "")
         )
     for found in contents:

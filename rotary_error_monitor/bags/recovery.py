@@ -80,7 +80,11 @@ class RecoveryReport:
         return (
             f"{self.path}: recovered {self.counts.total()} messages on {len(self.counts)} topics; without "
             f"{self.lost} bytes at the end"
-            + (f" and {self.damaged} damaged records ({self.left_out} bytes before the end)" if self.damaged else "")
+            + (
+                f" and {self.damaged} damaged record{'s' * (self.damaged != 1)} ({self.left_out} bytes before the end)"
+                if self.damaged
+                else ""
+            )
             + (f"; kept as it was: {', '.join(self.kept)}" if self.kept else "")
         )
 

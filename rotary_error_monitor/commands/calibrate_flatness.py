@@ -83,6 +83,7 @@ def _flatness(arguments: argparse.Namespace) -> int:
     stated = {name: Path(file) for name, file in map(split_word, arguments.covariance)}
     check_outputs(written, [machine_path(arguments.machine), *measured.values(), *stated.values()])
     check_places(path for path in written if path is not None)
+    _check_surfaces(arguments)
     machine = load_machine(arguments.machine)
     limits = limits_of(arguments.workpiece, machine)
     reversal = tuple(size * 1e-6 for size in sorted(set(arguments.reversal_um)))
@@ -102,6 +103,19 @@ def _flatness(arguments: argparse.Namespace) -> int:
         with writing(arguments.figure):
             draw_flatness(arguments.figure, prediction, surfaces)
     return 0
+
+
+def _check_surfaces(arguments: argparse.Namespace) -> None:
+    """Refuse what is said of measured surfaces where none is given.
+
+    Raises:
+        InputError: something is said of them.
+    """
+    if arguments.measured is not None or arguments.measured_after is not None:
+        return
+    said = {"--height-noise-um": arguments.height_noise_um is not None, "--columns": bool(arguments.columns)}
+    for option in (option for option, is_given in said.items() if is_given):
+        raise InputError(f"{option} is of measured surfaces, and there is none; give --measured or --measured-after")
 
 
 def _intervals(machine: MachineDescription, prediction: FlatnessPrediction, stated: Mapping[str, Path]) -> list[str]:

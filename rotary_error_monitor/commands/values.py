@@ -18,9 +18,18 @@ HELD = "axes not named stand at 0, or at the end of their travel nearest to it"
 """Where the axes of a pose or grid are that the words do not name, for the help: `Axis.home`."""
 
 
+def _number(text: str, expected: str) -> float:
+    """The number, as an argument's type; argparse would name this function for what is none, and not what is right."""
+    try:
+        return float(text)
+    except ValueError:
+        right = "write a decimal point, not a comma" if "," in text else f"expected {expected}"
+        raise argparse.ArgumentTypeError(f"'{text}' is no number; {right}") from None
+
+
 def positive(text: str) -> float:
     """A number above zero, as an argument's type."""
-    value = float(text)
+    value = _number(text, "one above 0")
     if not (math.isfinite(value) and value > 0):
         raise argparse.ArgumentTypeError(f"{text} is not above 0")
     return value
@@ -28,7 +37,7 @@ def positive(text: str) -> float:
 
 def finite(text: str) -> float:
     """A number, as an argument's type."""
-    value = float(text)
+    value = _number(text, "a finite one")
     if not math.isfinite(value):
         raise argparse.ArgumentTypeError(f"{text} is not finite")
     return value
@@ -36,7 +45,7 @@ def finite(text: str) -> float:
 
 def not_negative(text: str) -> float:
     """A number that is zero or above, as an argument's type."""
-    value = float(text)
+    value = _number(text, "one that is 0 or above")
     if not (math.isfinite(value) and value >= 0):
         raise argparse.ArgumentTypeError(f"{text} is below 0")
     return value
@@ -47,9 +56,10 @@ def flatness_um(text: str) -> float | None:
     if text == "unknown":
         return None
     try:
-        return not_negative(text)
+        float(text)
     except ValueError:
         raise argparse.ArgumentTypeError(f"'{text}' is no number, and not 'unknown'") from None
+    return not_negative(text)
 
 
 def tell(notes: Iterable[str]) -> None:

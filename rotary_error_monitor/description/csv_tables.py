@@ -89,7 +89,8 @@ def read_table(
     for number, values in rows[1:]:
         if len(values) != len(header):
             hint = "; write decimal points, not commas" if len(values) > len(header) else ""
-            raise InputError(f"{path}:{number}: {len(values)} values where the header has {len(header)}{hint}")
+            count = f"{len(values)} value{'s' * (len(values) != 1)}"
+            raise InputError(f"{path}:{number}: {count} where the header has {len(header)}{hint}")
     lines = np.array([number for number, _ in rows[1:]], dtype=np.int64)
     cells = {name: [values[k].strip() for _, values in rows[1:]] for k, name in enumerate(header)}
     return Table(

@@ -46,7 +46,7 @@ _MOST_KEPT = 1 << 19
 """Random numbers that are kept for the next signal: 8 MB, as for 30 turns of usual orders, so that memory does not grow
 with the recording."""
 
-_FROM_TWICE = 1 / (math.sqrt(2) - 1)
+FROM_TWICE = 1 / (math.sqrt(2) - 1)
 """Growth of a value from a noise to its double variance, times this: from no noise to that noise."""
 
 _GENERATOR = 230_7
@@ -125,6 +125,19 @@ def estimate_values(
     least = max(found[name].value for name in (SYNCHRONOUS, ASYNCHRONOUS) if name in found)
     found[TOTAL] = replace(found[TOTAL], value=min(max(found[TOTAL].value, least), found[TOTAL].measured))
     return found
+
+
+def mean_noise(turns: TurnProfiles, signal: int, mean: Array, random: float) -> float:
+    """Standard deviation of the mean over one turn by the noise of the readings: what turns show, or is stated.
+
+    Args:
+        turns: profiles of whole turns.
+        signal: number of the signal among them.
+        mean: (k,) over the turns.
+        random: standard deviation of one sample by itself, as the estimate's covariance has it.
+    """
+    shown = float(TurnSpectrum.of(turns, signal, mean, random).noise[0])
+    return math.sqrt(max(shown, random**2 / turns.samples))
 
 
 def _definitions(keeps_fundamental: bool, several: bool) -> dict[str, Callable[[TurnSummary], Array]]:
@@ -218,8 +231,8 @@ class _Simulation:
         """Value by its definition; `factor` goes with the scatter, for turns are few."""
         measured = float(define(self.measured))
         louder = define(self.louder)
-        correction = min(max(_FROM_TWICE * float(louder.mean() - measured), 0.0), measured)
-        drawn = _FROM_TWICE * float(louder.std()) / math.sqrt(DRAWS)
+        correction = min(max(FROM_TWICE * float(louder.mean() - measured), 0.0), measured)
+        drawn = FROM_TWICE * float(louder.std()) / math.sqrt(DRAWS)
         # the correction may be wrong by as much as itself: rectangular (JCGM 100:2008, 4.3.7)
         parts = (factor * self._scatter(define), correction / math.sqrt(3), drawn, systematic)
         return Value(measured - correction, measured, math.hypot(*parts))
@@ -230,8 +243,8 @@ class _Simulation:
         if not self.corrected:
             return float(values.std())
         louder = np.stack([define(each) for each in self.corrected])
-        corrected = values + _FROM_TWICE * (values - louder.mean(axis=0))
-        of_few = _FROM_TWICE**2 * float(louder.var(axis=0, ddof=1).mean()) / len(louder)
+        corrected = values + FROM_TWICE * (values - louder.mean(axis=0))
+        of_few = FROM_TWICE**2 * float(louder.var(axis=0, ddof=1).mean()) / len(louder)
         return math.sqrt(max(float(corrected.var()) - of_few, float(values.var())))
 
 

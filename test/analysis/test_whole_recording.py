@@ -54,6 +54,28 @@ def test_drift_with_temperature_is_inside_its_uncertainty():
     assert inside >= 0.93 * count
 
 
+def run_both_ways(rng, noise, stated):
+    """How fast the axis wanders (2,), m/s, and estimates of forth and back, where stamps of heads are apart."""
+    stamps = times(26)
+    along = (stamps - START_NS) * 1e-9
+    speed = np.where(along < 13, 3.0, -3.0)
+    wander = rng.uniform(0, 1e-7, 2) * (rng.random(2) < 0.5)
+    motion = along[:, None] * wander + speed[:, None] * 1.4e-7 * rng.normal(size=2)  # heads at 100 mm, 2 µs apart
+    motion += noise * rng.normal(size=motion.shape)
+    return wander, estimates_of(stamps, np.cumsum(speed) * 1e-3, motion, stated)
+
+
+@pytest.mark.parametrize("stated", [4e-8, 6e-7], ids=["covariance too small", "covariance too large"])
+def test_a_drift_is_inside_its_uncertainty_where_there_is_none_too(stated):
+    stage, inside = load_stage(), []
+    for seed in range(15):
+        wander, estimates = run_both_ways(np.random.default_rng(seed), 2e-7, stated)
+        for found, rate in zip(estimate_drifts(analyse_motion(estimates, stage, (0.0,)), {}), wander, strict=True):
+            true = rate * np.ptp(found.times_ns[: len(found.times_ns) // 2]) * 1e-9
+            inside.append(abs(found.range.value - true) <= found.range.expanded)
+    assert np.mean(inside) >= 0.93
+
+
 def test_a_stage_that_hardly_warmed_has_no_slope():
     stamps = times(10)
     theta = 3.0 * (stamps - START_NS) * 1e-9

@@ -169,7 +169,7 @@ def test_bytes_that_are_lost_cost_their_chunk_alone(original, damaged, capsys) -
     said = capsys.readouterr()
     left_out = following - 1 - start  # with what the file says of its messages' places
     assert f"recovered {COUNT - PER_CHUNK} messages on 2 topics; without 0 bytes at the end" in said.out
-    assert f"and 1 damaged records ({left_out} bytes before the end); kept as it was: bag_0.mcap.damaged" in said.out
+    assert f"and 1 damaged record ({left_out} bytes before the end); kept as it was: bag_0.mcap.damaged" in said.out
     assert f"recovered were {COUNT - PER_CHUNK} of {COUNT} messages, without {left_out} bytes" in said.err
     assert (bag / "bag_0.mcap.damaged").read_bytes() == broken
     assert read(bag) == spared(content, start, end)

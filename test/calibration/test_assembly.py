@@ -307,7 +307,9 @@ def test_a_stuck_autocollimator_leaves_the_mirror(
 def test_impossible_delays(capsys: pytest.CaptureFixture[str]) -> None:
     for option, value, problem in (
         ("--delay-ms", "nan", "nan is not finite"),
+        ("--delay-ms", "late", "'late' is no number; expected a finite one"),
         ("--delay-std-ms", "-1", "-1 is below 0"),
+        ("--delay-std-ms", "late", "'late' is no number; expected one that is 0 or above"),
         ("--centre-radial-um", "-1", "-1 is below 0"),
         ("--centre-lean-arcsec", "nan", "nan is below 0"),
     ):

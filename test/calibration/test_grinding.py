@@ -327,3 +327,14 @@ def test_the_readme_shows_what_comes_out(capsys) -> None:
     assert shown is not None
     assert main(shown[1].split()) == 0
     assert capsys.readouterr().out == shown[2]
+
+
+@pytest.mark.parametrize("option", ["--height-noise-um=0.1", "--columns=height=h,um"])
+def test_what_is_said_of_a_surface_that_is_not_given_is_an_error(
+    option: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = "calibrate flatness grinder_zhou2023 --vertical Y --workpiece X=-1400,0 Z=-650,-150 --positioning-um 1.2"
+    assert main([*words.split(), option]) == 2
+    said = capsys.readouterr()
+    assert option.partition("=")[0] in said.err and "give --measured or --measured-after" in said.err
+    assert not said.out

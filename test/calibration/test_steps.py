@@ -589,6 +589,8 @@ def test_the_twin_of_a_case_is_calibrated_from_its_bag(case: Path, tmp_path: Pat
     ("option", "value", "problem"),
     [
         ("--mirror-length-mm", "0", "0 is not above 0"),
+        ("--mirror-length-mm", "abc", "'abc' is no number; expected one above 0"),
+        ("--mirror-length-mm", "1,5", "'1,5' is no number; write a decimal point, not a comma"),
         ("--mirror-length-mm", "nan", "nan is not above 0"),
         ("--mirror-flatness-um", "-0.1", "-0.1 is below 0"),
         ("--mirror-flatness-um", "thin", "'thin' is no number, and not 'unknown'"),
