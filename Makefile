@@ -88,7 +88,7 @@ SWEPT := $(addprefix test/,$(addprefix analysis/test_,motion.py probes.py) bench
 	$(addprefix reproduction/test_,lou2019.py pan2013.py pan2013_rates.py zhou2023.py))
 RATES := $(CELL_RATES) $(MODEL_RATES) $(SWEPT)
 # `make test` takes a third of the random stages that these draw (test/draws.py), `make rates` all of them.
-DRAWN := $(addprefix test/,analysis/test_trend.py bags/test_writer.py blind_check/test_blind_check.py \
+DRAWN := $(addprefix test/,analysis/test_trend.py analysis/test_whole_recording.py bags/test_writer.py blind_check/test_blind_check.py \
 	$(addprefix calibration/test_,axis_table.py collimator_rates.py) cases/test_cases.py \
 	$(addprefix commissioning/test_,command.py late_instruments.py travel.py) \
 	$(addprefix faults/test_,all_late.py begin.py calibrated.py common_zero.py ends.py fast_stages.py few_heads.py \

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from analysis.in_memory import compare_stays, estimate_stops, fall_outs
+from draws import seeds
 
 from rotary_error_monitor.analysis.course import Samples, estimate_drifts
 from rotary_error_monitor.analysis.motion import analyse_motion
@@ -68,7 +69,7 @@ def run_both_ways(rng, noise, stated):
 @pytest.mark.parametrize("stated", [4e-8, 6e-7], ids=["covariance too small", "covariance too large"])
 def test_a_drift_is_inside_its_uncertainty_where_there_is_none_too(stated):
     stage, inside = load_stage(), []
-    for seed in range(15):
+    for seed in seeds(15):
         wander, estimates = run_both_ways(np.random.default_rng(seed), 2e-7, stated)
         for found, rate in zip(estimate_drifts(analyse_motion(estimates, stage, (0.0,)), {}), wander, strict=True):
             true = rate * np.ptp(found.times_ns[: len(found.times_ns) // 2]) * 1e-9
