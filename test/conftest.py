@@ -8,7 +8,6 @@ import shutil
 import signal
 import sys
 import tomllib
-from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -56,16 +55,26 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     metafunc.parametrize("case", [pytest.param(folder, id=folder.name) for folder in folders] or [absent])
 
 
+def _values(case: pytest.Function) -> set[tuple[str, str]]:
+    """Values of a case's parameters, by name."""
+    return {(name, repr(value)) for name, value in case.callspec.params.items()}
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Of a test marked `few(count)` all cases but the first so many are marked `long`."""
-    seen = Counter[tuple[str, str]]()
+    """Of a test marked `few(count)` all cases but so many are marked `long`: what is left has most of the values."""
+    cases: dict[tuple[str, str, int], list[pytest.Function]] = {}
     for item in items:
-        if marker := item.get_closest_marker("few"):
-            test = item.nodeid.partition("[")[0], str(item.parent)
-            seen[test] += 1
-            if seen[test] > marker.args[0]:
-                item.add_marker("long")
+        if isinstance(item, pytest.Function) and (marker := item.get_closest_marker("few")):
+            cases.setdefault((item.nodeid.partition("[")[0], str(item.parent), marker.args[0]), []).append(item)
+    for (_, _, count), left in cases.items():
+        seen: set[tuple[str, str]] = set()
+        for _ in range(min(count, len(left))):
+            case = max(left, key=lambda each: len(_values(each) - seen))  # of equal ones the first
+            seen |= _values(case)
+            left.remove(case)
+        for item in left:
+            item.add_marker("long")
 
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:

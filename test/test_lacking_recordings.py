@@ -250,7 +250,7 @@ def test_counts_that_do_not_fit_are_said(recording, tmp_path):
     assert "another number of messages than metadata.yaml says" in remark
 
 
-@pytest.mark.few(1)
+@pytest.mark.few(2)
 @pytest.mark.parametrize("lack", ["nothing", "half a head", "a file"])
 def test_a_diagnosis_says_what_the_recording_lacks(recording, tmp_path, capsys, lack):
     bag = tmp_path / "bag"

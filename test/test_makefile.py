@@ -8,6 +8,8 @@ import subprocess
 from collections import Counter
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[1]
 LONG = tuple(f"@pytest.mark.{word}" for word in ("long", "few("))
 PARTS = ("test-live", "test-models", "test-others", "test-models-rates", "test-others-rates")
@@ -55,3 +57,14 @@ def test_what_make_test_leaves_out_of_the_live_tests_is_run_with_sweeps():
     sweeps = dict(os.environ, SWEEPS="1")
     found = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True, env=sweeps).stdout
     assert "-m pytest" in found and "not long" not in found
+
+
+@pytest.mark.few(2)
+@pytest.mark.parametrize("second", ["a", "b"])
+@pytest.mark.parametrize("first", ["x", "y"])
+def test_of_few_cases_make_test_takes_those_with_most_of_the_values(
+    first: str, second: str, request: pytest.FixtureRequest
+) -> None:
+    """Not the first ones, which differ in what is drawn last alone."""
+    is_left_out = request.node.get_closest_marker("long") is not None
+    assert is_left_out == ((first, second) not in {("x", "a"), ("y", "b")})

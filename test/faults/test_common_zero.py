@@ -62,7 +62,7 @@ def sound(seed: int) -> Judgement:
     return judge(recorded(seed), recorded(seed).stage)
 
 
-@pytest.mark.few(1)
+@pytest.mark.few(2)
 @shows(
     Row(
         "heads",

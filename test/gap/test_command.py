@@ -35,7 +35,6 @@ def run(folder, out, *options):
     return main(["diagnose", str(folder / "bag"), "--twin", str(folder / "twin.yaml"), "-o", str(out), *options])
 
 
-@pytest.mark.few(1)
 @pytest.mark.parametrize("case", ["stage_case", "machine_case"])
 def test_an_explained_gap_is_written_and_its_twin_has_none(case, request, tmp_path, capsys):
     folder = request.getfixturevalue(case)

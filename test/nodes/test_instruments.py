@@ -83,7 +83,6 @@ DRIVERS = [
 ]
 
 
-@pytest.mark.few(1)
 @shows(
     Row(
         "messages",
@@ -115,7 +114,6 @@ def test_the_topic_that_is_listened_to_is_named_and_that_nobody_publishes_there(
     assert "samples come on /enc" in capfd.readouterr().err
 
 
-@pytest.mark.few(1)
 @shows(
     Row(
         "messages",

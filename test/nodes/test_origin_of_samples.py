@@ -100,7 +100,6 @@ def topics_of(cell, node, namespace=""):
     return {name for name, _ in published if name in contract} - {"/diagnostics"}
 
 
-@pytest.mark.few(4)
 @pytest.mark.parametrize(
     ("node_class", "name", "parameters"),
     [

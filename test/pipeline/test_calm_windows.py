@@ -41,7 +41,7 @@ def timeline_of(seed, fault):
     return section, [(arrival, stream, block) for arrival, stream, block in heard if stream and len(block.rows)]
 
 
-@pytest.mark.few(4)
+@pytest.mark.few(6)
 @pytest.mark.parametrize("seed", [4, 7, 8, 10])
 @pytest.mark.parametrize("fault", KINDS)
 def test_taken_in_together_or_judged_one_by_one(fault, seed, monkeypatch):
