@@ -1,13 +1,18 @@
 # Two commands do everything on a fresh machine: `make run` and `make test`. Both build .venv first.
 SHELL := /bin/bash
 FITS := import sys; sys.exit(sys.version_info[:2] not in ((3, 11), (3, 12)))
-PYTHON ?= $(shell for name in python3 python3.12 python3.11; do \
-	$$name -c '$(FITS)' 2>/dev/null && { echo $$name; break; }; done)
+# The distribution's own first, which ROS 2 is built for: Python that was built by hand (pyenv) is a fifth slower, as
+# that leaves out what makes it fast unless told. Of both only one that can make a .venv, as long as there is such a one.
+PYTHON ?= $(shell for needed in ensurepip sys; do for name in /usr/bin/python3 python3 python3.12 python3.11; do \
+	$$name -c "import $$needed; $(FITS)" 2>/dev/null && { echo $$name; break 2; }; done; done)
 VENV := .venv
 BIN := $(VENV)/bin
 export AMENT_PREFIX_PATH := $(CURDIR)/$(VENV)
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 export OMP_NUM_THREADS ?= 1
+# Many images forbid Python to write bytecode: each process would then compile all that it loads, a second of the
+# processor's time for a node. What this file starts writes it into .venv and beside its sources, once.
+unexport PYTHONDONTWRITEBYTECODE
 
 # what `make setup` installs, each file by its hash; renewed by `make lock`
 LOCKS := requirements/build.lock requirements/cell.lock
@@ -31,15 +36,21 @@ $(VENV)/.ready: setup.py package.xml $(LOCKS) $(wildcard rotary_error_monitor/*/
 	$(BIN)/python -m pip install --quiet --no-compile --require-hashes --no-build-isolation -r requirements/cell.lock
 	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@$(BIN)/python -m pip check
-	@$(BIN)/python -c '$(LOAD)'
+	@$(BIN)/python -c "$$LOAD"
 	@touch $@
 
-# Bytecode of all that is installed takes as long as installing it: that of what nodes load is enough, and is there
-# before ten of them start at once.
-LOAD := import pkgutil, importlib, rotary_error_monitor.nodes as nodes; \
-	[importlib.import_module(nodes.__name__ + "." + each.name) for each in pkgutil.iter_modules(nodes.__path__)]
+# Bytecode of all that is installed takes as long as installing it: that of what the package loads is enough, and is
+# there before ten nodes start at once, also where Python may not write it later. What loads nothing (the compiled
+# kernels, parts for libraries that are not installed) is left out.
+define LOAD
+import contextlib, importlib, pkgutil, rotary_error_monitor as package
+for each in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
+    with contextlib.suppress(ImportError):
+        each.name.endswith("__main__") or importlib.import_module(each.name)
+endef
+export LOAD
 
-# Processes of the package start a tenth sooner; where Python may not write it as they start, none would find it.
+# Processes of the package start a tenth sooner.
 bytecode: setup
 	@$(BIN)/python -m compileall -q rotary_error_monitor test
 

@@ -51,6 +51,14 @@ def test_every_file_of_tests_is_run_once():
     assert {file for file in short if short[file] and long[file]} == drawn | partly
 
 
+def test_bytecode_is_kept_also_where_the_environment_forbids_it():
+    """Else each process compiles all libraries that it loads: a node needs three times the processor's time to start."""
+    show = ["make", "--eval", "show: ; @echo kept$$PYTHONDONTWRITEBYTECODE", "show"]
+    forbidding = dict(os.environ, PYTHONDONTWRITEBYTECODE="1")
+    printed = subprocess.run(show, cwd=ROOT, check=True, capture_output=True, text=True, env=forbidding).stdout
+    assert printed.split() == ["kept"]
+
+
 def test_what_make_test_leaves_out_of_the_live_tests_is_run_with_sweeps():
     command = ["make", "-n", "test-live"]
     assert "-m 'not long'" in subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout

@@ -311,9 +311,9 @@ class Cell:
             if now > end:
                 raise TimeoutError(f"waited {deadline} s for {what}; diagnostics:\n{self._report()}")
             until = min(end, now + now - begin)
-            self._executor.spin_once(timeout_sec=_STEP)
-            while (left := until - time.monotonic()) > 0:
-                self._executor.spin_once(timeout_sec=min(_STEP, left))
+            self._spin()
+            while time.monotonic() < until:
+                self._spin()
             begin = time.monotonic()
 
     def wait_for_silence(self, received: Sequence[object], duration: float = 0.5) -> None:
@@ -336,7 +336,14 @@ class Cell:
         end = time.monotonic() + duration
         while time.monotonic() < end:
             self._check_nodes("time to pass")
-            self._executor.spin_once(timeout_sec=_STEP)
+            self._spin()
+
+    def _spin(self) -> None:
+        """Run one callback that is ready, or wait a step for one.
+
+        Always with the same timeout: the executor keeps what else was ready then, and otherwise asks all over again.
+        """
+        self._executor.spin_once(timeout_sec=_STEP)
 
     def _check_nodes(self, what: str) -> None:
         for node in self._nodes:
