@@ -52,7 +52,7 @@ def test_every_file_of_tests_is_run_once():
 
 
 def test_bytecode_is_kept_also_where_the_environment_forbids_it():
-    """Else each process compiles all libraries that it loads: a node needs three times the processor's time to start."""
+    """Else each process compiles all that it loads: a node needs three times the processor's time to start."""
     show = ["make", "--eval", "show: ; @echo kept$$PYTHONDONTWRITEBYTECODE", "show"]
     forbidding = dict(os.environ, PYTHONDONTWRITEBYTECODE="1")
     printed = subprocess.run(show, cwd=ROOT, check=True, capture_output=True, text=True, env=forbidding).stdout
