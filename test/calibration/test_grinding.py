@@ -242,6 +242,17 @@ def test_a_measured_workpiece_beside_the_prediction(tmp_path: Path, seed: int, c
     np.testing.assert_allclose(cells[:, 3] - cells[0, 3], node - node[0], rtol=0, atol=2e-3)
 
 
+def test_a_trajectory_is_where_it_says(tmp_path: Path) -> None:
+    """Also where its positions have more digits than a few: to 10 nm in a metre and more."""
+    words = ["--positioning-um", 1.2, "--trajectory", tmp_path / "wheel.csv", "--step-mm", 0.3]
+    start = COMMAND.index("--workpiece")
+    command = [*COMMAND[: start + 1], "X=-1400,-1390", "Z=-650,-640", *COMMAND[start + 3 :]]
+    assert main([*command, *map(str, words)]) == 0
+    cells = np.loadtxt(tmp_path / "wheel.csv", delimiter=",", skiprows=1)
+    for column, begin in ((cells[::35, 0], -1400), (cells[:35, 1], -650)):
+        np.testing.assert_allclose(column, np.linspace(begin, begin + 10, 35), rtol=0, atol=1e-5)
+
+
 def test_a_measured_workpiece_as_an_instrument_writes_it(tmp_path: Path, capsys) -> None:
     x, z, heights = ground(5)
     own = grinding_csv(tmp_path / "own.csv", heights, x, z)
