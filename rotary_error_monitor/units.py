@@ -16,6 +16,9 @@ MICRO = 1e6
 HOUR = 3600.0
 """Seconds in an hour."""
 
+DIGITS = 14
+"""Significant digits of a number in a table: float64 has 15 for any, of which changes of units may cost the last."""
+
 ANGLE_UNITS = {
     "rad": 1.0,
     "deg": 180 / math.pi,
@@ -27,3 +30,11 @@ ANGLE_UNITS = {
     "arcsec": ARCSEC,
 }
 """What one radian reads in each unit, by the names that parameters have for them."""
+
+
+def without_rounding_error(value: float) -> float:
+    """The number to `DIGITS` significant digits, for tables; zero has no sign.
+
+    What was given in degrees or mm and came back from SI is written as it was given (30, not 29.999999999999996).
+    """
+    return float(f"{value:.{DIGITS}g}") + 0.0

@@ -29,7 +29,7 @@ from rotary_error_monitor.bags.part import LIBRARY
 from rotary_error_monitor.bags.records import MAGIC
 from rotary_error_monitor.bags.torn import PROFILE, Extent, TornFile
 from rotary_error_monitor.bags.writer import RESERVE
-from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.errors import InputError, excerpt
 from rotary_error_monitor.files import exists
 
 CHUNK_SIZE = 1 << 18
@@ -103,7 +103,8 @@ def recover(bag: Path | str) -> RecoveryReport:
 
     Raises:
         InputError: there is no bag of mcap files, or the file is one of several of a bag; somebody is recording or
-            recovering it, or the disk has no room for a copy of a file.
+            recovering it; what is left holds no whole message (all stays as it is then), or the disk has no room for a
+            copy of a file.
         OSError: the folder cannot be written.
     """
     path = Path(bag)
@@ -113,7 +114,8 @@ def recover(bag: Path | str) -> RecoveryReport:
         with BagLock(path.parent):
             return _recover_alone(path)
     if not path.is_dir() or not bag_files(path):
-        raise InputError(f"{path}: no mcap file to recover; give the folder of a rosbag2 bag")
+        there = "no mcap file to recover" if exists(path) else "no such bag"
+        raise InputError(f"{excerpt(path)}: {there}; give the folder of a rosbag2 bag, or an mcap file")
     with BagLock(path):
         return _recover(path)
 
@@ -132,7 +134,7 @@ def _recover_alone(path: Path) -> RecoveryReport:
         )
     _check_unused(path, [path])
     coverage = BagCoverage()
-    content = _recover_file(path, coverage)
+    (content,) = _recover_files(path, [path], coverage)
     remarks = [f"{path}: {_LEFT_OUT}: {content.damage()}"] if content.kept else []
     if exists(folder / METADATA) and not listing.files:
         remarks.append(
@@ -153,7 +155,7 @@ def _recover(folder: Path) -> RecoveryReport:
     _check_unused(folder, files)
     missing = listing.missing(folder)
     coverage = BagCoverage()
-    contents = [_recover_file(file, coverage) for file in files]
+    contents = _recover_files(folder, files, coverage)
     (folder / RESERVE).unlink(missing_ok=True)
     counts = sum((content.counts() for content in contents), Counter[str]())
     rewritten = tuple(content.path.name for content in contents if content.torn)
@@ -243,12 +245,29 @@ class _FileContent:
             f"{extent.left_out + extent.at_end} bytes; the file as it was is {self.kept}"
         )
 
+    def lack(self) -> str:
+        """Name and size of a file without a whole message, and what is wrong with it where that is known."""
+        problem = f" ({self.extent.problem})" if self.extent.problem else ""
+        return f"{self.path.name} of {self.extent.size} bytes{problem}"
+
     def entry(self) -> FileEntry:
         return FileEntry(self.path.name, self.channel_counts.total(), self.start_ns, self.end_ns)
 
 
-def _recover_file(path: Path, coverage: BagCoverage) -> _FileContent:
-    """Content of a file, which afterwards has its end; what it covers is noted."""
+def _recover_files(bag: Path, files: list[Path], coverage: BagCoverage) -> list[_FileContent]:
+    """Content of the files of a bag, which afterwards have their ends; what they cover is noted."""
+    contents = [_read_file(file, coverage) for file in files]
+    if any(content.torn for content in contents) and not any(content.channel_counts for content in contents):
+        found = "; ".join(content.lack() for content in contents)
+        raise InputError(f"{bag}: nothing to recover, all stays as it is: no whole message in {found}")
+    for content in contents:
+        if content.torn:
+            _rewrite(content)
+    return contents
+
+
+def _read_file(path: Path, coverage: BagCoverage) -> _FileContent:
+    """Content of a file as it is; what it covers is noted."""
     torn = TornFile(path)
     content = _FileContent(path)
     for record in torn.records():
@@ -260,7 +279,6 @@ def _recover_file(path: Path, coverage: BagCoverage) -> _FileContent:
         nothing = not content.channel_counts and extent.at_end > len(MAGIC)
         everything = extent.complete and (not extent.indexed or not extent.damaged) and not content.strays
         content.whole = everything or (extent.torn and not content.strays and not (nothing and _is_large(extent)))
-        _rewrite(torn, content)
     if content.strays:
         extent.damaged += 1
         extent.problem = extent.problem or f"{content.strays} messages of topics that the file does not name"
@@ -272,16 +290,16 @@ def _is_large(extent: Extent) -> bool:
     return extent.at_end > max(extent.readable, _BEGINNING)
 
 
-def _rewrite(torn: TornFile, content: _FileContent) -> None:
+def _rewrite(content: _FileContent) -> None:
     """Put what could be read in the place of a file; one of which more is gone than its torn end is kept beside it."""
-    path = torn.path
+    path = content.path
     room, size = shutil.disk_usage(path.parent).free, path.stat().st_size
     if room < size:
         raise InputError(f"{path}: recovery writes a copy of {size} bytes, but the disk has {room} free; make room")
     temporary = path.with_name(path.name + _RECOVERING)
     try:
         with temporary.open("wb") as file:
-            _copy(torn, Writer(file, CHUNK_SIZE, CompressionType.NONE))
+            _copy(TornFile(path), Writer(file, CHUNK_SIZE, CompressionType.NONE))
             file.flush()
             os.fsync(file.fileno())
         if not content.whole:

@@ -267,7 +267,7 @@ def trajectory_csv(prediction: FlatnessPrediction, step: float) -> str:
     lines = [f"{prediction.feeds[0]}_mm,{prediction.feeds[1]}_mm,error_um,{prediction.vertical}_correction_um"]
     for i, x in enumerate(axes[0] * 1e3):
         lines += [
-            f"{x:.6g},{z:.6g},{matrices[0][i, k] * 1e6:.4f},{-matrices[1][i, k] * 1e6:.4f}"
+            f"{x:.9g},{z:.9g},{matrices[0][i, k] * 1e6:.4f},{-matrices[1][i, k] * 1e6:.4f}"
             for k, z in enumerate(axes[1] * 1e3)
         ]
     return "\n".join(lines) + "\n"

@@ -68,7 +68,7 @@ def repeatability_bounds(part: Placed) -> tuple[float, float] | None:
 def mirror_csv(form: MirrorForm, source: str) -> str:
     """The mirror's form, found from the file `source`, as `--mirror-profile` takes it."""
     worst = math.sqrt(max(0.0, float(np.diag(form.covariance).max())))
-    rows = [f"{x * 1e3:.6g},{y * 1e6:.5f}" for x, y in zip(form.distances, form.heights, strict=True)]
+    rows = [f"{x * 1e3:.9g},{y * 1e6:.5f}" for x, y in zip(form.distances, form.heights, strict=True)]
     heads = [
         f"# form of the mirror from {source}, standard uncertainty of a point {worst * 1e6:.3f} um",
         "distance_mm,height_um",

@@ -13,7 +13,9 @@ from rotary_error_monitor.calibration.measurements import LENGTH, LINEAR_ERROR
 from rotary_error_monitor.description.column_layout import ColumnLayout
 from rotary_error_monitor.description.csv_tables import Column, Table, read_table
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.metrology.surface_range import flatness_bounds
+from rotary_error_monitor.metrology.repeated_points import RepeatedPoints, combine_repeated
+from rotary_error_monitor.metrology.repeated_runs import FALSE_ALARM
+from rotary_error_monitor.metrology.surface_range import STATED, flatness_bounds
 
 FEWEST_POINTS = 9
 """Points of a surface: three each way, for a plane and what bends it along, across and over the corners."""
@@ -34,18 +36,20 @@ OTHER_UNIT = 100.0
 
 @dataclass(frozen=True)
 class MeasuredSurface:
-    """Heights of a ground surface.
+    """Heights of a ground surface; of points that were measured more than once their means.
 
     Attributes:
         first, second: (n,) positions of the feed axes, m.
         heights: (n,) about the least squares plane, positive where the vertical axis is higher, m.
         predicted: (n,) what straightness alone predicts there before compensation, about its plane, m.
+        points: the same as measured, with how often each was, and how much that scatters.
     """
 
     first: Array
     second: Array
     heights: Array
     predicted: Array
+    points: RepeatedPoints
 
     @property
     def flatness(self) -> float:
@@ -71,13 +75,15 @@ def read_workpiece(path: Path, prediction: FlatnessPrediction, layout: ColumnLay
     names = [f"{letter}_mm" for letter in prediction.feeds]
     columns = [*(Column(name, LENGTH) for name in names), Column("height_um", LINEAR_ERROR)]
     table = read_table(path, [columns], layout=layout)
-    places = [table.numbers[name] for name in names]
-    if len(places[0]) < FEWEST_POINTS:
+    points = combine_repeated(*(table.numbers[name] for name in (*names, "height_um")))
+    if len(points.counts) < FEWEST_POINTS:
         raise table.error(
-            -1, f"the surface ends here with {len(places[0])} point(s); {FEWEST_POINTS} are needed, three each way"
+            -1, f"the surface ends here with {len(points.counts)} point(s); {FEWEST_POINTS} are needed, three each way"
         )
-    for name, at, curve in zip(prediction.feeds, places, prediction.curves, strict=True):
+    for name, curve in zip(prediction.feeds, prediction.curves, strict=True):
+        at = table.numbers[f"{name}_mm"]
         _check_places(table, name, at, float(curve.positions[0]), float(curve.positions[-1]))
+    places = [points.first, points.second]
     predicted = sum(
         np.interp(at, curve.positions, curve.errors) for at, curve in zip(places, prediction.curves, strict=True)
     )
@@ -86,7 +92,7 @@ def read_workpiece(path: Path, prediction: FlatnessPrediction, layout: ColumnLay
         raise InputError(f"{path}: all points lie about one line; a surface takes points both ways")
     heights, predicted = (
         np.asarray(z - plane @ np.linalg.lstsq(plane, z, rcond=None)[0])
-        for z in (table.numbers["height_um"], np.asarray(predicted))
+        for z in (points.heights, np.asarray(predicted))
     )
     ratio = float(np.ptp(heights)) / max(float(np.ptp(predicted)), np.finfo(np.float64).tiny)
     if not 1 / OTHER_UNIT < ratio < OTHER_UNIT:
@@ -94,7 +100,7 @@ def read_workpiece(path: Path, prediction: FlatnessPrediction, layout: ColumnLay
             f"{path}: flatness {np.ptp(heights) * 1e6:.3g} µm, where straightness makes {np.ptp(predicted) * 1e6:.3g}: "
             "are the heights in µm?"
         )
-    return MeasuredSurface(places[0], places[1], heights, predicted)
+    return MeasuredSurface(places[0], places[1], heights, predicted, points)
 
 
 def _check_places(table: Table, name: str, at: Array, low: float, high: float) -> None:
@@ -114,14 +120,21 @@ def _check_places(table: Table, name: str, at: Array, low: float, high: float) -
 
 
 def measured_text(name: str, surface: MeasuredSurface, noise: float | None) -> str:
-    """Flatness as measured, in µm; `name` is when: before or after. `noise` is that of a height, m, if known."""
+    """Flatness as measured, in µm; `name` is when: before or after. `noise` is that of a reading, m, if stated.
+
+    Where none is stated, points that were measured more than once tell it, as soon as they tell it to a tenth.
+    """
+    points = surface.points
     text = f"measured {name} compensation: flatness {surface.flatness * 1e6:.3f} µm over {surface.heights.size} points"
+    if points.repeated:
+        text += (
+            f"\n  {points.repeated} of them measured more than once: the means count; readings scatter about them by "
+            f"{points.scatter * 1e6:.3f} µm (degrees of freedom {points.freedom})"
+        )
+    if noise is None and points.freedom >= STATED and points.scatter > 0:
+        noise = points.scatter
     if noise is not None:
-        bounds = flatness_bounds(surface.first, surface.second, surface.heights, noise)
-        if bounds is None:
-            text += f"\n  no 95 % interval: it has more detail than noise of {noise * 1e6:g} µm explains"
-        else:
-            text += f"\n  95 % interval without noise {bounds[0] * 1e6:.3f} to {bounds[1] * 1e6:.3f} µm"
+        text += f"\n  {_interval(surface, noise)}"
     if name == "before":
         rest = surface.heights - surface.predicted
         text += (
@@ -129,3 +142,17 @@ def measured_text(name: str, surface: MeasuredSurface, noise: float | None) -> s
             f"straightness explains {surface.explained:.0%} of the variance"
         )
     return text
+
+
+def _interval(surface: MeasuredSurface, noise: float) -> str:
+    """The 95 % interval of the true flatness, or why there is none; `noise` is that of a reading, m."""
+    probability = surface.points.p_value(noise)
+    if probability < FALSE_ALARM:
+        return (
+            f"no 95 % interval: noise of {noise * 1e6:g} µm does not explain how repeated readings scatter (p-value "
+            f"{probability:.1g})"
+        )
+    bounds = flatness_bounds(surface.first, surface.second, surface.heights, surface.points.noise_of_means(noise))
+    if bounds is None:
+        return f"no 95 % interval: it has more detail than noise of {noise * 1e6:.3g} µm explains"
+    return f"95 % interval without noise {bounds[0] * 1e6:.3f} to {bounds[1] * 1e6:.3f} µm"

@@ -10,6 +10,7 @@ from rotary_error_monitor.commands.values import add_max_gap, add_naming, naming
 from rotary_error_monitor.description.error_motion_limits import limits_of
 from rotary_error_monitor.metrology.turns import MOST_WAVES
 from rotary_error_monitor.recordings.formats import FORMATS
+from rotary_error_monitor.units import without_rounding_error
 
 if TYPE_CHECKING:  # takes long to load, and is needed once the arguments are right
     from rotary_error_monitor.recordings.analysis import Question
@@ -68,7 +69,7 @@ def heights_of(arguments: argparse.Namespace) -> list[float]:
 
     for height in arguments.height:
         check_height(height, HIGHEST * 1e3, "mm", f"--height is {height}")
-    return sorted({height * 1e-3 for height in arguments.height})
+    return sorted({without_rounding_error(height / 1e3) for height in arguments.height})
 
 
 def question_of(arguments: argparse.Namespace) -> Question:

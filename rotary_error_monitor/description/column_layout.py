@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 from rotary_error_monitor.errors import InputError, excerpt
@@ -30,6 +30,9 @@ SEPARATORS = ",;\t"
 
 BLANKS = " "
 """Any number of blanks, which may as well where there are no headers."""
+
+_WITH_COMMA = re.compile(r"[+-]?(\d+,\d*|,\d+)([eE][+-]?\d+)?")
+_WITH_POINT = re.compile(r"[+-]?(\d+\.\d*|\.\d+)([eE][+-]?\d+)?")
 
 _NUMBER = re.compile(r"#[1-9]\d{0,2}")
 """Number of a column without a header: instruments write tens of columns at most."""
@@ -135,36 +138,37 @@ class ColumnLayout:
         plain = plain_name(name)
         return f"{plain}_{self.units[plain]}" if plain in self.units else name
 
-    def read(self, lines: Sequence[str], origin: str) -> tuple[int, list[tuple[int, dict[str, str]]]]:
+    def read(
+        self, lines: Sequence[str], origin: str, words: Collection[str] = ()
+    ) -> tuple[int, list[tuple[int, dict[str, str]]]]:
         """Number of the line with the headers, and below it the number and the cells of each row by plain name.
 
         Lines before the headers and empty ones are passed over, other columns left out; in a table without headers,
         comments and lines before the first that has all columns. Decimal commas become points where they do not
-        separate columns, and words for a direction its sign.
+        separate columns, but in the columns of `words`; and words for a direction its sign.
 
         Raises:
-            InputError: no line has all headers, or a row has fewer columns than that; the message names the line.
+            InputError: no line has all headers, a row has fewer columns than that, or numbers have decimal points as
+                well as decimal commas; the message names the line.
         """
         header, separator, places = self._numbers(lines, origin) if self.numbered else self._header(lines, origin)
         rows = []
         for number, line in enumerate(lines[header:], start=header + 1):
             if not line.strip() or (self.numbered and line.lstrip().startswith(COMMENTS)):
                 continue
-            cells = _cells(line, separator)
+            cells = cells_of(line, separator)
             if len(cells) <= max(places.values()):
                 wanted = excerpt(", ".join(self.headers.values()))
                 raise InputError(f"{origin}:{number}: {len(cells)} columns; expected one for each of {wanted}")
             row = {name: cells[place] for name, place in places.items()}
-            if separator != ",":
-                row = {name: cell.replace(",", ".") if _is_decimal(cell) else cell for name, cell in row.items()}
             rows.append((number, {name: _signed(name, cell) for name, cell in row.items()}))
-        return header, rows
+        return header, rows if separator == "," else with_points(rows, origin, words)
 
     def _header(self, lines: Sequence[str], origin: str) -> tuple[int, str, dict[str, int]]:
         """Number of the line with the headers, what separates columns, and the place of each by its plain name."""
         for number, line in enumerate(lines, start=1):
             for separator in SEPARATORS:
-                cells = _cells(line, separator)
+                cells = cells_of(line, separator)
                 if set(self.headers.values()) <= set(cells):
                     twice = [each for each in self.headers.values() if cells.count(each) > 1]
                     if twice:
@@ -182,7 +186,7 @@ class ColumnLayout:
             if line.lstrip().startswith(COMMENTS):
                 continue
             for separator in (*SEPARATORS, BLANKS):
-                if len(_cells(line, separator)) > max(places.values()):
+                if len(cells_of(line, separator)) > max(places.values()):
                     return number, separator, places
         raise InputError(
             f"{origin}: no line has {max(places.values()) + 1} columns, which --columns asks for, separated by commas, "
@@ -190,7 +194,8 @@ class ColumnLayout:
         )
 
 
-def _cells(line: str, separator: str) -> list[str]:
+def cells_of(line: str, separator: str) -> list[str]:
+    """Cells of a line without the blanks around them; none of one whose quotes do not end."""
     if separator == BLANKS:
         return line.split()
     try:
@@ -204,5 +209,31 @@ def _signed(name: str, cell: str) -> str:
     return DIRECTIONS.get(cell.lower(), cell) if name.endswith("direction") else cell
 
 
-def _is_decimal(cell: str) -> bool:
-    return cell.count(",") == 1 and "." not in cell
+def with_points(
+    rows: Sequence[tuple[int, dict[str, str]]], origin: str, words: Collection[str] = ()
+) -> list[tuple[int, dict[str, str]]]:
+    """Number of the line and cells by name of each row, numbers with points where they had decimal commas.
+
+    In columns of `words` commas stay.
+
+    Raises:
+        InputError: numbers have decimal points as well: a comma may then be one of thousands.
+    """
+    cells = [(line, cell) for line, row in rows for name, cell in row.items() if name not in words]
+    comma = next(((line, cell) for line, cell in cells if _WITH_COMMA.fullmatch(cell)), None)
+    point = next(((line, cell) for line, cell in cells if _WITH_POINT.fullmatch(cell)), None)
+    if comma is None:
+        return list(rows)
+    if point is not None:
+        raise InputError(
+            f"{origin}:{comma[0]}: {excerpt(comma[1])} has a comma where {excerpt(point[1])} of line {point[0]} has a "
+            "point; write all with decimal points, and none between thousands"
+        )
+    return [
+        (line, {name: _pointed(cell) if name not in words else cell for name, cell in row.items()})
+        for line, row in rows
+    ]
+
+
+def _pointed(cell: str) -> str:
+    return cell.replace(",", ".") if _WITH_COMMA.fullmatch(cell) else cell

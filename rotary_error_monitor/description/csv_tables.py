@@ -1,6 +1,8 @@
-"""Tables of measurements as comma-separated text: a header that names columns with their units, one row a reading.
+"""Tables of measurements as CSV text: a header that names columns with their units, one row a reading.
 
-Lines that begin with # are comments. Numbers have decimal points. Every error names file and line.
+Lines that begin with # are comments. What separates columns is what makes the header one that is expected: commas,
+semicolons or tabs. Numbers have decimal points; where commas do not separate columns they may be decimal. Every error
+names file and line.
 """
 
 from __future__ import annotations
@@ -16,9 +18,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.description.column_layout import SCALES, ColumnLayout, plain_name
+from rotary_error_monitor.description.column_layout import (
+    SCALES,
+    SEPARATORS,
+    ColumnLayout,
+    cells_of,
+    plain_name,
+    with_points,
+)
 from rotary_error_monitor.errors import InputError, excerpt
 from rotary_error_monitor.files import MOST_LINES, lines_of, read_text
+
+_SEPARATOR_NAMES = {",": "commas", ";": "semicolons", "\t": "tabs"}
 
 
 @dataclass(frozen=True)
@@ -76,7 +87,7 @@ def read_table(
     path = Path(path)
     if layout is not None:
         return _foreign_table(path, choices, layout)
-    rows = _rows(path)
+    separator, rows = _rows(path, choices)
     expected = expected or " or ".join(",".join(column.name for column in columns) for columns in choices)
     if not rows:
         raise InputError(f"{path}:1: the file is empty; expected a header {expected} and rows below it")
@@ -88,11 +99,14 @@ def read_table(
         raise InputError(f"{path}:{line}: a header and no row below it; expected one row for each reading")
     for number, values in rows[1:]:
         if len(values) != len(header):
-            hint = "; write decimal points, not commas" if len(values) > len(header) else ""
+            hint = _hint(len(values) - len(header), separator, values)
             count = f"{len(values)} value{'s' * (len(values) != 1)}"
             raise InputError(f"{path}:{number}: {count} where the header has {len(header)}{hint}")
     lines = np.array([number for number, _ in rows[1:]], dtype=np.int64)
-    cells = {name: [values[k].strip() for _, values in rows[1:]] for k, name in enumerate(header)}
+    named = [(number, dict(zip(header, map(str.strip, values), strict=True))) for number, values in rows[1:]]
+    if separator != ",":
+        named = with_points(named, str(path), {column.name for column in columns if column.text})
+    cells = {name: [row[name] for _, row in named] for name in header}
     return Table(
         path=path,
         numbers={c.name: _numbers(path, lines, c, cells[c.name]) for c in columns if not c.text},
@@ -105,7 +119,8 @@ def _foreign_table(path: Path, choices: Sequence[Sequence[Column]], layout: Colu
     names = layout.chosen([[column.name for column in columns] for columns in choices])
     columns = next(c for c in choices if [column.name for column in c] == list(names))
     text = read_text(path, "a table of measurements", encoding="utf-8-sig", most_lines=MOST_LINES)
-    header, rows = layout.read(list(lines_of(text)), str(path))
+    words = {plain_name(column.name) for column in columns if column.text}
+    header, rows = layout.read(list(lines_of(text)), str(path), words)
     if not rows:
         raise InputError(f"{path}:{header}: a header and no row below it; expected one row for each reading")
     lines = np.array([number for number, _ in rows], dtype=np.int64)
@@ -122,19 +137,44 @@ def _foreign_table(path: Path, choices: Sequence[Sequence[Column]], layout: Colu
     )
 
 
-def _rows(path: Path) -> list[tuple[int, list[str]]]:
-    """Line number and values of each row that is neither empty nor a comment; a row is a line."""
-    rows = []
+def _rows(path: Path, choices: Sequence[Sequence[Column]]) -> tuple[str, list[tuple[int, list[str]]]]:
+    """What separates columns, and line number and values of each row that is no comment and not empty.
+
+    A row is a line.
+    """
     text = read_text(path, "a CSV file", encoding="utf-8-sig", most_lines=MOST_LINES)
-    for number, line in enumerate(lines_of(text), start=1):
-        if line.strip() and not line.lstrip().startswith("#"):
-            try:
-                rows += [(number, values) for values in csv.reader([line], strict=True)]
-            except csv.Error as error:
-                raise InputError(
-                    f"{path}:{number}: {error}; expected values with commas between, a row a line"
-                ) from error
-    return rows
+    lines = [
+        (number, line)
+        for number, line in enumerate(lines_of(text), start=1)
+        if line.strip() and not line.lstrip().startswith("#")
+    ]
+    separator = _separator(lines[0][1], choices) if lines else ","
+    rows = []
+    for number, line in lines:
+        try:
+            rows += [(number, values) for values in csv.reader([line], delimiter=separator, strict=True)]
+        except csv.Error as error:
+            between = _SEPARATOR_NAMES[separator]
+            raise InputError(
+                f"{path}:{number}: {error}; expected values with {between} between, a row a line"
+            ) from error
+    return separator, rows
+
+
+def _separator(header: str, choices: Sequence[Sequence[Column]]) -> str:
+    """What separates the columns of a header so that it is one of the choices; a comma where nothing does."""
+    known = [{column.name for column in columns} for columns in choices]
+    return next((each for each in SEPARATORS if set(cells_of(header, each)) in known), ",")
+
+
+def _hint(more: int, separator: str, values: Sequence[str]) -> str:
+    """What may be wrong with a row that has `more` values than the header, or fewer."""
+    if more > 0 and separator == ",":
+        return "; write decimal points, not commas, or put semicolons between columns"
+    other = next((each for each in SEPARATORS if each != separator and any(each in value for value in values)), "")
+    if more < 0 and other:
+        return f"; the header has {_SEPARATOR_NAMES[separator]} between columns, this row {_SEPARATOR_NAMES[other]}"
+    return ""
 
 
 def _numbers(path: Path, lines: NDArray[np.int64], column: Column, cells: list[str]) -> Array:

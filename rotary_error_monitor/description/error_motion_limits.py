@@ -11,18 +11,18 @@ from rotary_error_monitor.description.expected import Expected
 from rotary_error_monitor.description.sections import from_content, read, stated
 from rotary_error_monitor.description.yaml_files import read_yaml
 from rotary_error_monitor.errors import InputError, excerpt
-from rotary_error_monitor.units import ANGLE_UNITS
+from rotary_error_monitor.units import ANGLE_UNITS, MICRO, without_rounding_error
 
 SECTION = "error_motion_limits"
 """Key of the section in a file, beside `stage` or alone."""
 
 UNITS: Mapping[str, tuple[str, float]] = {
-    "nm": ("m", 1e-9),
-    "um": ("m", 1e-6),
-    "nrad": ("rad", 1e-9),
-    **{name: ("rad", 1 / ANGLE_UNITS[name]) for name in ("urad", "arcsec")},
+    "nm": ("m", 1e9),
+    "um": ("m", MICRO),
+    "nrad": ("rad", 1e9),
+    **{name: ("rad", ANGLE_UNITS[name]) for name in ("urad", "arcsec")},
 }
-"""Units of a limit on the command line: SI unit and size."""
+"""Units of a limit on the command line: SI unit, and how many there are in it."""
 
 Length = Annotated[float, Expected("largest value in m, at most 10 mm", above=0, most=0.01)]
 Angle = Annotated[float, Expected("largest value in rad, at most 10 mrad", above=0, most=0.01)]
@@ -92,7 +92,7 @@ def limits_from_words(words: Iterable[str], origin: str = "--limits") -> ErrorMo
     for word in words:
         name, _, text = word.partition("=")
         figure, _, unit = name.rpartition("_")
-        size = UNITS.get(unit, ("", 0.0))
+        size = UNITS.get(unit, ("", 1.0))
         right = "rad" if figure.startswith("tilt") else "m"
         try:
             value = float(text)
@@ -105,5 +105,5 @@ def limits_from_words(words: Iterable[str], origin: str = "--limits") -> ErrorMo
             )
         if figure in content:
             raise InputError(f"{origin} {excerpt(word)}: {figure} is stated twice; state it once")
-        content[figure] = value * size[1]
+        content[figure] = without_rounding_error(value / size[1])
     return from_content(ErrorMotionLimits, content, origin)

@@ -46,7 +46,7 @@ class AxisScale(MachineEffect):
 
     name = "axis_scale"
     title = "scale error of an axis"
-    remedy = "Correct the axis's scale in the controller, or add it to the machine file (`calibrate axis`)."
+    remedy = "Correct the axis's scale in the controller, or add it to the machine file (`calibrate positioning`)."
     source = "ISO 230-1, 3.4.2 (EXX); lowest order"
     axes = LINEAR
     parameters = (Parameter("relative", "1", 1e-5, bound=1e-2),)

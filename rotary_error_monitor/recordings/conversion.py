@@ -103,12 +103,13 @@ def convert(bag: Path, cell_file: Path, stage_file: Path | None, output: Path, s
     files = BagFiles(bag)
     named = stage_file or (None if shared is None else Path(shared))
     drivers = [_stream(node, parameters[node], (named, stage), cell, cell_file) for node in nodes]
-    streams = {each.heard: each for each in drivers if each is not None and each.heard in files.topics}
+    spoken = {name for name, content in files.topics.items() if content.count}
+    streams = {each.heard: each for each in drivers if each is not None and each.heard in spoken}
     if not streams:
         wanted = ", ".join(each.heard for each in drivers if each is not None) or "none"
         raise InputError(
-            f"{bag}: no message of a driver that {cell_file} names ({wanted}); the bag has "
-            f"{excerpt(', '.join(files.topics)) or 'none'}"
+            f"{bag}: no message of a driver that {cell_file} names ({wanted}); the bag has messages on "
+            f"{excerpt(', '.join(sorted(spoken))) or 'no topic'}"
         )
     for name, each in streams.items():
         if files.topics[name].type != each.source.type:

@@ -9,6 +9,7 @@ import numpy as np
 
 from rotary_error_monitor.analysis.course import Samples
 from rotary_error_monitor.arrays import Array, Times
+from rotary_error_monitor.signals.blocks import NANOSECONDS
 from rotary_error_monitor.signals.rows import Keep, Rows, place_of
 
 MOST_POINTS = 100_000
@@ -138,12 +139,12 @@ class Distances:
             return 0.0, 0.0
         until = np.cumsum(self._counts)
         middle = np.searchsorted(until, [(until[-1] - 1) // 2, until[-1] // 2], side="right")
-        seconds = self._values * 1e-9
-        period = float(seconds[middle].mean())
-        regular = np.abs(seconds - period) < 0.5 * period
+        distances = self._values.astype(np.float64)  # ns, which are whole: 200 ms are 5 Hz, and do not scatter
+        period = float(distances[middle].mean())
+        regular = np.abs(distances - period) < 0.5 * period
         if not regular.any():
             return 0.0, 0.0
-        seconds, counts = seconds[regular], self._counts[regular]
-        mean = float(np.average(seconds, weights=counts))
-        deviation = float(np.sqrt(np.average((seconds - mean) ** 2, weights=counts)))
-        return 1 / mean, deviation / math.sqrt(2)  # a distance has two stamps
+        distances, counts = distances[regular], self._counts[regular]
+        mean = float(np.average(distances, weights=counts))
+        deviation = float(np.sqrt(np.average((distances - mean) ** 2, weights=counts)))
+        return NANOSECONDS / mean, deviation / NANOSECONDS / math.sqrt(2)  # a distance has two stamps

@@ -120,7 +120,7 @@ def verify_bag(
     reader, wire = BagReader(bag, naming), wire_of(stage)
     kept = read_streams(reader, wire, stage, RowsInMemory, kept=(LVDT, *stage.sensors)).kept
     samples = {name: samples.all() for name, samples in kept.items()}
-    references = _references(stage, names, samples, str(bag))
+    references = _references(stage, names, samples, reader)
     monitor = without_references(stage, tuple(references))
     replay = replay_bag(bag, monitor, None, settings, naming, repeat=monitor is stage)
     check_estimated(replay, bag, monitor, least=2)
@@ -141,7 +141,7 @@ def verify_bag(
 
 
 def _references(
-    stage: StageDescription, names: Sequence[str], samples: Mapping[str, tuple[Times, Array]], bag: str
+    stage: StageDescription, names: Sequence[str], samples: Mapping[str, tuple[Times, Array]], reader: BagReader
 ) -> dict[str, Reference]:
     """Those that are asked for, or the LVDT, or else the radial probes.
 
@@ -158,7 +158,8 @@ def _references(
     if not there or (names and lacking):
         have = f"the stage has {', '.join(known)}" if known else "the stage has neither LVDT nor radial probe"
         what = f"no samples of the reference {', '.join(lacking)}" if lacking else "no reference"
-        raise InputError(f"{bag}: {what}; {have}: record one beside heads and autocollimator")
+        damage = f"; {reader.damage}" if reader.damage else ""
+        raise InputError(f"{reader.path}: {what}; {have}: record one beside heads and autocollimator{damage}")
     return there
 
 

@@ -27,7 +27,7 @@ from rotary_error_monitor.report.page import (
     verdict,
     whole_page,
 )
-from rotary_error_monitor.units import MICRO
+from rotary_error_monitor.units import MICRO, without_rounding_error
 
 COMPONENTS = ("dx_um", "dy_um", "dz_um", "da_urad", "db_urad", "dc_urad")
 HEAD = ("x, µm", "y, µm", "z, µm", "a, µrad", "b, µrad", "c, µrad")
@@ -197,7 +197,8 @@ def _csv(machine: MachineDescription, poses: Poses, budget: OffsetBudget) -> str
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
     writer.writerow(columns)
-    writer.writerows(np.stack(list(columns.values()), axis=1).tolist())
+    rows = np.stack(list(columns.values()), axis=1).tolist()
+    writer.writerows(map(without_rounding_error, row) for row in rows)
     return buffer.getvalue()
 
 
@@ -207,11 +208,11 @@ def _mapping(
     columns = _pose_columns(machine, poses)
 
     def components(values: Array) -> dict[str, float]:
-        return dict(zip(COMPONENTS, (values * MICRO).tolist(), strict=True))
+        return dict(zip(COMPONENTS, map(without_rounding_error, (values * MICRO).tolist()), strict=True))
 
     rows = [
         {
-            "pose": {name: float(values[number]) for name, values in columns.items()},
+            "pose": {name: without_rounding_error(values[number]) for name, values in columns.items()},
             **{name.replace(" ", "_"): components(values[number]) for name, values in _totals(budget)},
             "bodies": {
                 part.body.name: {

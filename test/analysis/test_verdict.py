@@ -67,6 +67,14 @@ def test_limits_in_words():
     assert set(found.stated) == {"radial_synchronous", "tilt_total", "axial_fundamental"}
 
 
+@pytest.mark.parametrize(("unit", "power"), [("um", "e-6"), ("nm", "e-9")])
+def test_a_limit_is_the_number_nearest_to_what_was_written(unit, power):
+    """So that results hold 2e-05 for 20 µm, not 1.9999999999999998e-05."""
+    for number in range(1, 1000):
+        (value,) = limits_from_words([f"radial_total_{unit}={number / 10}"]).stated.values()
+        assert value == float(f"{number / 10}{power}")
+
+
 @pytest.mark.parametrize(
     "word",
     [

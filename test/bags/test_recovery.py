@@ -15,6 +15,7 @@ from rotary_error_monitor.bags.metadata import channel_profiles, type_definition
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.bags.recovery import recover
 from rotary_error_monitor.bags.writer import BagTopic, BagWriter, write_messages
+from rotary_error_monitor.cli import main
 from rotary_error_monitor.codec.contents import TYPES, Content, Temperature
 from rotary_error_monitor.codec.messages import encode
 from rotary_error_monitor.description.wire import load_wire
@@ -94,6 +95,12 @@ def test_a_recovered_file_is_read_by_every_reader(bag: Path) -> None:
         (bag / "metadata.yaml").write_bytes(metadata)
         expected = _numbers(bag)
         assert expected == _numbers(file), length
+        if not expected:
+            before = _bytes(bag)
+            with pytest.raises(InputError, match=rf"{bag}: nothing to recover, .* in {file.name} of {length} bytes$"):
+                recover(bag)
+            assert _bytes(bag) == before, length
+            continue
         report = recover(bag)
         assert (report.counts.total(), report.rewritten) == (len(expected), (file.name,)), length
         assert read_by_rosbags(bag) == read_by_mcap(bag), length
@@ -194,7 +201,7 @@ def _alone(folder: Path, name: str, cut: int = 0) -> Path:
 
 
 def _bytes(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in folder.iterdir()}
+    return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
 
 
 def test_a_file_is_recovered_alone(tmp_path: Path) -> None:
@@ -299,7 +306,38 @@ def test_a_disk_without_room_is_said(bag: Path, monkeypatch: pytest.MonkeyPatch)
         recover(bag)
 
 
+@pytest.mark.parametrize("length", [0, 5, 8, 60])
+@pytest.mark.parametrize("kind", ["bag", "bag without metadata.yaml", "file alone", "file of a bag"])
+def test_where_no_message_is_left_nothing_is_called_recovered(
+    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: str, length: int
+) -> None:
+    """Name and size of the file are told, and it stays as it is: an empty bag in its place would hide what happened."""
+    file = _file(bag)
+    file.write_bytes(file.read_bytes()[:length])
+    given = file if kind.startswith("file") else bag
+    if kind == "file alone":
+        given = file.rename(tmp_path / "alone.mcap")
+    elif kind != "bag":
+        (bag / "metadata.yaml").unlink()
+    before = _bytes(given.parent if given.is_file() else given)
+    assert main(["recover", str(given)]) == 2
+    said = capsys.readouterr()
+    name = given.name if given.is_file() else file.name
+    assert said.out == "" and f"no whole message in {name} of {length} bytes" in said.err
+    assert _bytes(given.parent if given.is_file() else given) == before
+
+
+def test_an_empty_file_beside_one_with_messages_is_made_readable(bag: Path) -> None:
+    """A recorder that was killed as it began its next file."""
+    (bag / "bag_1.mcap").write_bytes(b"")
+    report = recover(bag)
+    assert (report.counts.total(), report.rewritten, report.whole) == (COUNT, ("bag_1.mcap",), True)
+    assert len(read_by_rosbags(bag)) == COUNT
+
+
 def test_what_is_no_bag_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"nowhere: no such bag; give the folder"):
+        recover(tmp_path / "nowhere")
     with pytest.raises(InputError, match="no mcap file to recover"):
         recover(tmp_path)
     (tmp_path / "text.mcap").write_text("this is a text")

@@ -242,6 +242,51 @@ def test_a_measured_workpiece_beside_the_prediction(tmp_path: Path, seed: int, c
     np.testing.assert_allclose(cells[:, 3] - cells[0, 3], node - node[0], rtol=0, atol=2e-3)
 
 
+def test_a_trajectory_is_where_it_says(tmp_path: Path) -> None:
+    """Also where its positions have more digits than a few: to 10 nm in a metre and more."""
+    words = ["--positioning-um", 1.2, "--trajectory", tmp_path / "wheel.csv", "--step-mm", 0.3]
+    start = COMMAND.index("--workpiece")
+    command = [*COMMAND[: start + 1], "X=-1400,-1390", "Z=-650,-640", *COMMAND[start + 3 :]]
+    assert main([*command, *map(str, words)]) == 0
+    cells = np.loadtxt(tmp_path / "wheel.csv", delimiter=",", skiprows=1)
+    for column, begin in ((cells[::35, 0], -1400), (cells[:35, 1], -650)):
+        np.testing.assert_allclose(column, np.linspace(begin, begin + 10, 35), rtol=0, atol=1e-5)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_points_measured_more_than_once_count_by_their_means_and_tell_the_noise(
+    tmp_path: Path, seed: int, capsys
+) -> None:
+    x, z, heights = (each[::3] for each in ground(seed, 0.0))
+    rng = np.random.default_rng(seed)
+    words, said = [*COMMAND, "--positioning-um", "1.2", "--reversal-um", "1", "--measured"], []
+    seen = np.round(heights + 1e-7 * rng.normal(size=(2, heights.size)), 11)
+    twice = grinding_csv(tmp_path / "twice.csv", seen.ravel(), np.tile(x, 2), np.tile(z, 2))
+    means = grinding_csv(tmp_path / "means.csv", seen.mean(axis=0), x, z)
+    scatter = 1e6 * np.sqrt(np.sum((seen[0] - seen[1]) ** 2 / 2) / heights.size)
+    for words_more in ([twice], [means], [twice, "--height-noise-um", "0.02"]):
+        assert main([*words, *map(str, words_more)]) == 0
+        said.append(capsys.readouterr().out.partition("measured before compensation: ")[2])
+    flatness = rf"flatness \d+\.\d+ µm over {heights.size} points\n"
+    repeats = (
+        rf"  {heights.size} of them measured more than once: the means count; readings scatter about them by "
+        rf"{scatter:.3f} µm \(degrees of freedom {heights.size}\)\n"
+    )
+    assert re.match(rf"{flatness}{repeats}  (95 % interval without noise|no 95 % interval: it has more)", said[0])
+    assert re.match(rf"{flatness}  predicted", said[1]) and said[1].split()[1] == said[0].split()[1]
+    assert "no 95 % interval: noise of 0.02 µm does not explain how repeated readings scatter (p-value" in said[2]
+
+
+def test_a_point_measured_twice_is_told(tmp_path: Path, capsys) -> None:
+    x, z, heights = (np.append(each, each[5]) for each in ground(0))
+    heights[-1] += 2e-6
+    words = [*COMMAND, "--positioning-um", "1.2", "--reversal-um", "1", "--height-noise-um", "0.1", "--measured"]
+    assert main([*words, str(grinding_csv(tmp_path / "x.csv", heights, x, z))]) == 0
+    told = capsys.readouterr().out
+    assert f"over {x.size - 1} points\n  1 of them measured more than once: the means count; readings scatter" in told
+    assert "by 1.414 µm (degrees of freedom 1)" in told and "does not explain how repeated readings" in told
+
+
 def test_a_measured_workpiece_as_an_instrument_writes_it(tmp_path: Path, capsys) -> None:
     x, z, heights = ground(5)
     own = grinding_csv(tmp_path / "own.csv", heights, x, z)

@@ -56,8 +56,11 @@ def point_list(folder: Path, how: str) -> tuple[Path, list[str]]:
     """The example as a point list: with headers in metres, or without in mm or inches."""
     path = folder / f"points_{how}.txt"
     if how == "headers":
-        rows = [f"{k};{x / 1e3:.12f};{y / 1e3:.12f};{z / 1e3:.12f};{n}" for k, (n, x, y, z) in enumerate(points())]
-        path.write_text("\n".join(["Job 7", "No;East;North;Up;Group", *rows]).replace(".", ","), encoding="utf-8")
+        rows = [
+            ";".join([str(k), *(f"{value / 1e3:.12f}".replace(".", ",") for value in place), feature])
+            for k, (feature, *place) in enumerate(points())
+        ]
+        path.write_text("\n".join(["Job 7", "No;East;North;Up;Group", *rows]), encoding="utf-8")
         return path, ["feature=Group", "x=East,m", "y=North,m", "z=Up,m"]
     mark, unit, scale = {"commas": (", ", "mm", 1.0), "blanks": ("   ", "mm", 1.0), "inches": ("\t", "in", 25.4)}[how]
     cells = [

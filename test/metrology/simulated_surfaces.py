@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.metrology.repeated_points import combine_repeated
 from rotary_error_monitor.metrology.surface_range import flatness_bounds
 
 Array = NDArray[np.float64]
@@ -49,16 +50,21 @@ def form(rng: np.random.Generator, kind: str, u: Array, v: Array) -> Array:
     return heights
 
 
-def held(kind: str, size: float, noise: float, count: int) -> dict[str, float]:
-    """Parts of so many surfaces whose interval holds the flatness, and that have none; width in standard deviations."""
+def held(kind: str, size: float, noise: float, count: int, readings: int = 1) -> dict[str, float]:
+    """Parts of so many surfaces whose interval holds the flatness, and that have none; width in standard deviations.
+
+    With several readings at each point these alone tell the noise.
+    """
     found, widths = [], []
     for seed in range(count):
         rng = np.random.default_rng([count, seed, KINDS.index(kind)])
         x, z = places(rng, kind)
         truth = levelled(x, z, form(rng, kind, x / 1.4 + 1, (z + 0.65) / 0.5))
         truth = truth * size / np.ptp(truth)
-        seen = truth + noise * rng.uniform(0.9, 1.1) * rng.normal(size=x.size)
-        bounds = flatness_bounds(x, z, levelled(x, z, seen), noise)
+        seen = truth + noise * rng.uniform(0.9, 1.1) * rng.normal(size=(readings, x.size))
+        points = combine_repeated(np.tile(x, readings), np.tile(z, readings), seen.ravel())
+        stated = noise if readings == 1 else points.noise_of_means(points.scatter)
+        bounds = flatness_bounds(x, z, levelled(x, z, points.heights), stated)
         if bounds is not None:
             found.append(bounds[0] < size < bounds[1])
             widths.append(bounds[1] - bounds[0])

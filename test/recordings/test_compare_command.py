@@ -141,6 +141,10 @@ def test_a_bag_that_tells_nothing_is_named_and_an_old_page_stays(tmp_path, capsy
         assert main(["compare", str(bag), "-o", str(out)]) == 2
         told = capsys.readouterr().err
         assert re.search(said, told) and str(bag) in told
+    empty = tmp_path / "empty.mcap"
+    empty.write_bytes(b"")
+    assert main(["compare", str(empty), "-o", str(out)]) == 2
+    assert "the recording was not closed; readable are 0 messages on 0 topics, 0 of 0 bytes" in capsys.readouterr().err
     assert out.read_text() == "old"
 
 

@@ -184,3 +184,14 @@ def test_a_bag_of_no_driver_is_refused(recorded, tmp_path, capsys):
     words = ["convert", str(recorded / "own"), "--cell-file", str(recorded / "cell.yaml")]
     assert main([*words, "-o", str(tmp_path / "out")]) == 2
     assert "no message of a driver that" in capsys.readouterr().err
+
+
+def test_a_bag_whose_drivers_said_nothing_is_refused(recorded, tmp_path, capsys):
+    """`ros2 bag record` notes a topic as soon as somebody offers it."""
+    with Writer(tmp_path / "silent", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        for topic in ("/enc/a", "/cell/enc/b"):
+            writer.add_connection(topic, JOINT, typestore=STORE)
+    words = ["convert", str(tmp_path / "silent"), "--cell-file", str(recorded / "cell.yaml")]
+    assert main([*words, "-o", str(tmp_path / "out")]) == 2
+    assert "the bag has messages on no topic" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

@@ -118,6 +118,36 @@ def test_a_program_gives_what_its_poses_give_one_by_one(
         assert min(picture.size) > 500
 
 
+@pytest.mark.parametrize(("separator", "decimal"), [(",", "."), (";", ",")])
+def test_tables_hold_poses_as_they_were_written(separator: str, decimal: str, tmp_path: Path) -> None:
+    """Without the digits that mm and degrees have after a way through SI, and as spreadsheets write them."""
+    rng = np.random.default_rng(7)
+    axes = load_machine("xyzac_trt").axes
+    scales = [1e3 if axis.kind == "linear" else 180 / math.pi for axis in axes]
+    given = [
+        [float(f"{rng.uniform(*axis.travel) * scale:.{digits}g}") for axis, scale in zip(axes, scales, strict=True)]
+        for digits in rng.integers(1, 13, 300)
+    ]
+    given = [
+        row
+        for row in given
+        if all(
+            axis.travel[0] * scale <= value <= axis.travel[1] * scale
+            for axis, scale, value in zip(axes, scales, row, strict=True)
+        )
+    ]
+    header = separator.join(["X_mm", "Y_mm", "Z_mm", "A_deg", "C_deg"])
+    rows = [separator.join(map(repr, row)).replace(".", decimal) for row in given]
+    (tmp_path / "poses.csv").write_text("\n".join([header, *rows]), encoding="utf-8")
+    words = ["--program", tmp_path / "poses.csv", "-o", tmp_path / "out.csv", "--format", "csv,json"]
+    assert run("xyzac_trt", *words) == 0
+    with (tmp_path / "out.csv").open(encoding="utf-8") as file:
+        assert [[*map(float, row[:5])] for row in list(csv.reader(file))[1:]] == given
+    told = json.loads((tmp_path / "out.json").read_text(encoding="utf-8"))["poses"]
+    assert [[*each["pose"].values()][:5] for each in told] == given
+    assert "-0.0," not in (tmp_path / "out.csv").read_text(encoding="utf-8")
+
+
 def test_one_pose_as_page_and_picture(tmp_path: Path) -> None:
     assert run("pan2013", "--at", "X=1000", "A=30", "-o", tmp_path / "pose.html", "--format", "html,png,csv") == 0
     page = (tmp_path / "pose.html").read_text(encoding="utf-8").replace("\u00a0", " ")

@@ -133,18 +133,23 @@ def test_effects_at_places_follow_the_formula():
     np.testing.assert_allclose(apart["head_c"], -warm["housing"] * DRIFT[0] / radius, rtol=1e-3, atol=1e-10)
 
 
-def test_what_a_thermometer_does_not_tell_acts_beside_causes_at_its_place():
-    problem = problem_of(recorded(1, {}, 12.0))
-    warmed = uncertain_warmings(problem.twin, problem.recording)
+@pytest.mark.parametrize("seed", range(4))
+def test_what_a_thermometer_does_not_tell_acts_beside_causes_at_its_place(seed):
+    """By a closed form: its zero is uncertain, and by half a step where it cuts off; the two are independent."""
+    uncertainty, resolution = 10.0 ** np.random.default_rng(seed).uniform(-2.0, 0.0, 2)
+    problem = problem_of(recorded(seed, {}, 12.0))
+    stage = stage_of(section())
+    stated = {
+        name: replace(sensor, uncertainty=uncertainty, resolution=resolution) for name, sensor in stage.inputs.items()
+    }
+    twin = StageTwin(replace(stage, inputs=stated), problem.twin.inputs, {"head_a": np.linspace(0.0, 10.0, 50)})
+    warmed = uncertain_warmings(twin, problem.recording)
     assert len(warmed) == 2 * (1 + 8), "the zero and eight slow courses of each"
     cause = Cause(KNOWN["thermal_drift"], "bearing", np.array(DRIFT))
-    moved = [
-        other.predict((cause,), ["head_a"])["head_a"] - problem.twin.predict((cause,), ["head_a"])["head_a"]
-        for other in warmed
-    ]
-    zero = moved[0][:, 0]
-    expected = THERMOMETER["uncertainty"] * DRIFT[1] / problem.stage.encoder.disc_radius
-    np.testing.assert_allclose(zero, expected, rtol=1e-3)
+    plain = twin.predict((cause,))["head_a"]
+    moved = [other.predict((cause,))["head_a"] - plain for other in warmed]
+    expected = np.hypot(uncertainty, resolution / 2) * DRIFT[1] / stage.encoder.disc_radius
+    np.testing.assert_allclose(moved[0][:, 0], expected, rtol=1e-4)
     assert all(np.any(each) for each in moved[:9]) and not any(np.any(each) for each in moved[9:])
 
 
