@@ -233,14 +233,16 @@ def with_departures(problem: Problem, fit: Fit, false_alarms: float = 1.0) -> Fi
 
     Kinds join one by one, each time that with the most evidence, as long as that grows by more than the number of kinds
     there are: each is as likely beforehand as any other, and as none. Where nothing else says that something is left, a
-    kind must be likelier by the false-alarm rate as well: so seldom the evidence of none grows by that.
+    kind must be likelier by the false-alarm rate as well: so seldom the evidence of none grows by that. The fit tells as
+    well how much likelier something proportional to a quantity would be in the place of each cause.
     """
     offered = [d for d in problem.departures(fit.causes) if d.kinds] if isinstance(problem, Departing) else []
     if not offered:
         return fit
     stacked = _stacked_beside(problem, fit, [d.columns for d in offered])
     labels, total = [(k, kind) for k, d in enumerate(offered) for kind in d.kinds], stacked.total()
-    chosen, _ = likeliest_kinds(*_integrated(fit, total), labels, -float(np.log(false_alarms)))
+    likeliest, _ = likeliest_kinds(*_integrated(fit, total), labels, -float(np.log(false_alarms)))
+    chosen = set(labels) & likeliest
     kept = [d.chosen([i for i, kind in enumerate(d.kinds) if (k, kind) in chosen]) for k, d in enumerate(offered)]
     kept = [d for d in kept if d.kinds]
     if not kept:
