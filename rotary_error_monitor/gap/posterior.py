@@ -233,8 +233,8 @@ def with_departures(problem: Problem, fit: Fit, false_alarms: float = 1.0) -> Fi
 
     Kinds join one by one, each time that with the most evidence, as long as that grows by more than the number of kinds
     there are: each is as likely beforehand as any other, and as none. Where nothing else says that something is left, a
-    kind must be likelier by the false-alarm rate as well: so seldom the evidence of none grows by that. The fit tells as
-    well how much likelier something proportional to a quantity would be in the place of each cause.
+    kind must be likelier by the false-alarm rate as well: so seldom the evidence of none grows by that. The fit
+    tells as well how much likelier something proportional to a quantity would be in the place of each cause.
     """
     offered = [d for d in problem.departures(fit.causes) if d.kinds] if isinstance(problem, Departing) else []
     if not offered:
