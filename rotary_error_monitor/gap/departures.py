@@ -54,12 +54,15 @@ class Modulation:
         values: (n,) or (n, k), of root mean square 1 over most recordings; k are the components of a signal.
         words: says what a relative change of the cause by so much for each unit of `values` is.
         each: whether each amplitude of the cause is modulated on its own (other directions and phases), or all alike.
+        proportional: relative change by one unit of `values` that makes the cause proportional to the quantity they are
+            of; 0 where that has no zero of its own, as time has none.
     """
 
     kind: str
     values: Array
     words: Words
     each: bool = False
+    proportional: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -73,6 +76,8 @@ class Departures:
         changes: (q,) relative change of the cause as a whole by one standard deviation of each.
         columns: white rows (m, q).
         effects: (q,) known effect that does what one standard deviation of each does, where there is one; empty: none.
+        proportional: (q, p) for each quantity to which the cause may be proportional, values of the columns that make
+            it so where each of its p amplitudes is one (`Modulation.proportional`).
     """
 
     cause: int
@@ -81,6 +86,7 @@ class Departures:
     changes: Array
     columns: Columns
     effects: tuple[Cause | None, ...] = ()
+    proportional: tuple[Array, ...] = ()
 
     def chosen(self, places: Sequence[int]) -> Departures:
         """Some of the columns."""
@@ -92,6 +98,7 @@ class Departures:
             self.changes[index],
             columns_at(self.columns, index),
             tuple(self.effects[i] for i in places) if self.effects else (),
+            tuple(values[index] for values in self.proportional),
         )
 
 
@@ -183,8 +190,8 @@ def modulations_by_size(signal: Array, size: float) -> list[Modulation]:
     share, acts = signal / (size or 1.0), float(size > 0.0)
     return [
         Modulation("harmonic", share, second_harmonic, True),
-        Modulation("size", acts * (np.abs(share) - 1), with_its_size, True),
-        Modulation("size", acts * 0.5 * (np.square(share) - 1), with_its_size, True),
+        Modulation("size", acts * (np.abs(share) - 1), with_its_size, True, 1.0),
+        Modulation("size", acts * 0.5 * (np.square(share) - 1), with_its_size, True, 2.0),
     ]
 
 
@@ -200,6 +207,23 @@ def spread_out(
         tuple(m.words for m, _ in rows),
         np.array([float(change) for _, change in rows]),
     )
+
+
+def in_proportion(modulations: Sequence[Modulation], sizes: Array, beside: int = 0) -> tuple[Array, ...]:
+    """(q, p) values of the columns that `modulated` gives, by amplitude of one, that make the cause proportional.
+
+    One for each modulation by a quantity with a zero of its own that acts on each amplitude; q counts those that stand
+    `beside` as well.
+    """
+    count = len(sizes)
+    starts = np.cumsum([0, *(count if modulation.each else 1 for modulation in modulations)])
+    found = []
+    for start, modulation in zip(starts[:-1], modulations, strict=True):
+        if modulation.each and modulation.proportional:
+            values = np.zeros((starts[-1] + beside, count))
+            values[start : start + count] = np.diag(modulation.proportional / (SHARE * np.where(sizes > 0, sizes, 1.0)))
+            found.append(values)
+    return tuple(found)
 
 
 def describe(fitted: FittedDepartures) -> tuple[Departure, ...]:
@@ -236,6 +260,12 @@ class Normaliser:
             self._found[name] = float(np.mean(values)), float(np.std(values))
         spread = self._found[name][1]
         return spread if spread > _UNSEEN else 0.0
+
+    def proportional(self, name: str) -> float:
+        """The relative change by one standard deviation that is proportional to the quantity; 0 where its mean is 0."""
+        spread = self.unit(name)
+        mean = self._found[name][0]
+        return spread / mean if abs(mean) > _UNSEEN else 0.0
 
     def span(self, name: str) -> float:
         """From the least to the largest value of the quantity, in its own unit."""

@@ -55,6 +55,8 @@ class Fit:
         log_prior: logarithm of the prior of the kinds of departure that were chosen.
         sizes: products of the columns of causes and departures with one another as they would be without slow noise;
             None where those in `blocks` are.
+        proportional: log odds of what is proportional to a quantity in the place of each cause that departs
+            (`proportion.py`); empty where none does.
     """
 
     causes: tuple[Cause, ...]
@@ -69,6 +71,7 @@ class Fit:
     departure_values: Array = field(default_factory=lambda: np.zeros(0))
     log_prior: float = 0.0
     sizes: Array | None = None
+    proportional: tuple[float, ...] = ()
 
     @property
     def squares(self) -> float:

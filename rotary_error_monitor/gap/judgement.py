@@ -18,6 +18,7 @@ from rotary_error_monitor.gap.normal import combine, width_of
 from rotary_error_monitor.gap.options import FALSE_ALARMS
 from rotary_error_monitor.gap.posterior import (
     Posterior,
+    is_likelier_proportional,
     marginal_likelihood,
     weigh_against_unknown,
     with_departures,
@@ -57,8 +58,8 @@ def judge(
         return judge_open(problem, selection, false_alarms)
     doubts = _doubts(problem, chosen)
     progress("departures")
-    if chosen.settled and not doubts:
-        return _judge_settled(problem, chosen, false_alarms)
+    if chosen.settled and not doubts and (settled := _judge_settled(problem, chosen, false_alarms)):
+        return settled
     tried, learnt = _tried(problem, selection), False
     for _ in range(MOST_ROUNDS):
         if not _learns_outliers(problem, [posterior for _, posterior in tried]):
@@ -106,8 +107,8 @@ def _learns_outliers(problem: Problem, tried: Sequence[Posterior]) -> bool:
     return problem.learn_outliers(best.causes, combine(problem, columns, values))
 
 
-def _judge_settled(problem: Problem, chosen: Step, false_alarms: float) -> Judgement:
-    """Of causes that leave only noise."""
+def _judge_settled(problem: Problem, chosen: Step, false_alarms: float) -> Judgement | None:
+    """Of causes that leave only noise; None where what is proportional to a quantity is likelier than one of them."""
     fit = fit_causes(problem, chosen.fit.causes, chosen.fit)
     needless, instead = departures_instead(problem, chosen, fit, false_alarms)
     likelier = [posterior for posterior in instead if posterior.settled and posterior.likelier]
@@ -119,10 +120,13 @@ def _judge_settled(problem: Problem, chosen: Step, false_alarms: float) -> Judge
     if departing is not fit:
         # Beside those of rivals, their data would fill the memory.
         fit, departing = fit.without_data(), departing.without_data()
-        posteriors = _settled_with_departures(problem, chosen, departing, false_alarms)
+        own = weigh_against_unknown(problem, departing, (), chosen.log_alarm, chosen.table.effects)
+        posteriors = _settled_with_departures(problem, chosen, own, false_alarms)
         if posteriors:
             _, best = _likeliest([(chosen, posterior) for posterior in posteriors])
             return _believed(chosen, best, posteriors)
+        if is_likelier_proportional(own):
+            return None
     return _in_textbook_forms(problem, chosen, fit, needless)
 
 
@@ -235,12 +239,11 @@ def _log_evidence(step: Step, fit: Fit) -> float:
     return marginal_likelihood(fit) + sum(step.table.log_prior(i) for i in members if i is not None)
 
 
-def _settled_with_departures(problem: Problem, step: Step, departing: Fit, false_alarms: float) -> list[Posterior]:
+def _settled_with_departures(problem: Problem, step: Step, own: Posterior, false_alarms: float) -> list[Posterior]:
     """Causes that leave only noise, with the departures that show nonetheless, and others that depart less.
 
     Empty where something unknown is likelier than causes that depart as far.
     """
-    own = weigh_against_unknown(problem, departing, (), step.log_alarm, step.table.effects)
     seen = {_keys(step.fit)}
     rivals = [other for causes in rivals_of(step) for other in weigh_causes(problem, step, causes, seen, false_alarms)]
     found = [own, *(other for other in rivals if other.settled)]

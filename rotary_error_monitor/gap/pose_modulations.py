@@ -15,6 +15,7 @@ from rotary_error_monitor.gap.departures import (
     Modulation,
     Normaliser,
     amplitude_sizes,
+    in_proportion,
     modulated,
     modulations_by_size,
     percent,
@@ -29,18 +30,32 @@ Say = Callable[[float, float], str]
 
 @dataclass(frozen=True)
 class Quantity:
-    """What an effect may depend on: `values` (n,) at the poses, its kind of departure, and how that is told."""
+    """What an effect may depend on.
+
+    Attributes:
+        kind: of departure.
+        values: (n,) at the poses.
+        say: how a departure is told.
+        zero: whether the quantity is none where the values are zero, so that an effect may be proportional to it.
+    """
 
     kind: str
     values: Array
     say: Say
+    zero: bool = False
 
 
 def _modulations_by(quantities: Mapping[str, Quantity], each: bool) -> list[Modulation]:
     """Those quantities that vary over the poses, centred and scaled; `each` as in `Modulation`."""
     norm = Normaliser({name: quantity.values for name, quantity in quantities.items()})
     return [
-        Modulation(quantity.kind, norm(name, quantity.values), partial(_said, quantity.say, norm.unit(name)), each)
+        Modulation(
+            quantity.kind,
+            norm(name, quantity.values),
+            partial(_said, quantity.say, norm.unit(name)),
+            each,
+            norm.proportional(name) if quantity.zero else 0.0,
+        )
         for name, quantity in quantities.items()
         if norm.unit(name)
     ]
@@ -78,7 +93,8 @@ def departures_at_poses(
     by_all += _by_size((signature @ amplitudes) * np.array(list(units.values())))
     made = modulated(signature, amplitudes, sizes, by_all)
     columns = {channel: made[:, i] for i, channel in enumerate(units)}
-    return Departures(place, *spread_out(by_all, amplitudes, sizes), columns)
+    told = spread_out(by_all, amplitudes, sizes)
+    return Departures(place, *told, columns, proportional=in_proportion(by_all, sizes))
 
 
 def with_direction(letter: str) -> Say:

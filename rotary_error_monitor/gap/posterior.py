@@ -22,6 +22,7 @@ from rotary_error_monitor.gap.fitting import Fit, KnownProducts, fit_causes
 from rotary_error_monitor.gap.hypotheses import price_of
 from rotary_error_monitor.gap.normal import BlockNormal, Normal, combine, solve_scaled, stack, width_of
 from rotary_error_monitor.gap.problem import Columns, Finding, LateRows, Problem, Rows
+from rotary_error_monitor.gap.proportion import amplitudes_of, log_odds_in_proportion, price_of_departures
 
 FREE = 3
 """Directions beside that of a cause in which something unknown may lie.
@@ -97,7 +98,7 @@ class Posterior:
 def shown_by(problem: Problem, fit: Fit) -> list[Rows]:
     """White rows (m, 1) of what each cause does in its textbook form."""
     pairs = zip(fit.causes, fit.columns, strict=True)
-    return [combine(problem, [columns], [_amplitudes(cause)]) for cause, columns in pairs]
+    return [combine(problem, [columns], [amplitudes_of(cause)]) for cause, columns in pairs]
 
 
 def powers_of(problem: Problem, fit: Fit) -> list[Powers]:
@@ -149,7 +150,27 @@ def weigh_against_unknown(
         beside = sum(value / total * float(np.log1p(value / left[channel])) for channel, value in power.items())
         near |= beside > np.log1p(1 / NO_DEPARTURE)
         log_odds.append(0.5 * _free(problem, cause) * gain + prior - 0.5 * float(share / SHARE) ** 2)
-    return Posterior(fit, tuple(findings), tuple(log_odds), settled, near, credit)
+    return beside_proportional(Posterior(fit, tuple(findings), tuple(log_odds), settled, near, credit), fit)
+
+
+def is_likelier_proportional(departing: Posterior) -> bool:
+    """Whether what is proportional to a quantity in the place of a cause is likelier than that with its departures."""
+    return any(value > _prior_of_known(departing) for value in departing.fit.proportional)
+
+
+def _prior_of_known(posterior: Posterior) -> float:
+    return float(np.log(PRIOR_OF_KNOWN)) + posterior.credit
+
+
+def beside_proportional(posterior: Posterior, departing: Fit) -> Posterior:
+    """Causes weighed as well against what is proportional to a quantity in the place of each, as they depart.
+
+    That is something unknown, and any of the known effects might be the one that it is like. In their textbook forms
+    causes need something unknown beside them that does what their departures do: they are no likelier than with those.
+    """
+    prior = _prior_of_known(posterior)
+    pairs = zip(posterior.log_odds, departing.proportional or [-np.inf] * len(posterior.log_odds), strict=True)
+    return replace(posterior, log_odds=tuple(-float(np.logaddexp(-odds, value - prior)) for odds, value in pairs))
 
 
 def _free(problem: Problem, cause: Cause) -> float:
@@ -198,7 +219,7 @@ def _own_parts(fit: Fit) -> list[float]:
     found = []
     for k, cause in enumerate(fit.causes):
         own, others = np.arange(places[k], places[k + 1]), np.flatnonzero(owner != k)
-        amplitudes = _amplitudes(cause)
+        amplitudes = amplitudes_of(cause)
         shown = total.gram[:, own] @ amplitudes
         whole = float(shown[own] @ amplitudes)
         inner = total.gram[np.ix_(others, others)] + np.diag(prior[others])
@@ -207,35 +228,33 @@ def _own_parts(fit: Fit) -> list[float]:
     return found
 
 
-def _amplitudes(cause: Cause) -> Array:
-    """Values of a cause in the order of its columns, zero for shapes."""
-    shapes = set(cause.effect.indices(Role.SHAPE))
-    return np.array([0.0 if i in shapes else cause.values[i] for i in cause.effect.indices(Role.LINEAR, Role.SHAPE)])
-
-
 def with_departures(problem: Problem, fit: Fit, false_alarms: float = 1.0) -> Fit:
     """The causes of a fit fitted again with those kinds of departure that the recording asks for.
 
     Kinds join one by one, each time that with the most evidence, as long as that grows by more than the number of kinds
     there are: each is as likely beforehand as any other, and as none. Where nothing else says that something is left, a
-    kind must be likelier by the false-alarm rate as well: so seldom the evidence of none grows by that.
+    kind must be likelier by the false-alarm rate as well: so seldom the evidence of none grows by that. The fit
+    tells as well how much likelier something proportional to a quantity would be in the place of each cause.
     """
     offered = [d for d in problem.departures(fit.causes) if d.kinds] if isinstance(problem, Departing) else []
     if not offered:
         return fit
     stacked = _stacked_beside(problem, fit, [d.columns for d in offered])
-    labels = [(k, kind) for k, d in enumerate(offered) for kind in d.kinds]
-    chosen, _ = likeliest_kinds(*_integrated(fit, stacked.total()), labels, -float(np.log(false_alarms)))
+    labels, total = [(k, kind) for k, d in enumerate(offered) for kind in d.kinds], stacked.total()
+    likeliest, _ = likeliest_kinds(*_integrated(fit, total), labels, -float(np.log(false_alarms)))
+    chosen = set(labels) & likeliest
     kept = [d.chosen([i for i, kind in enumerate(d.kinds) if (k, kind) in chosen]) for k, d in enumerate(offered)]
     kept = [d for d in kept if d.kinds]
     if not kept:
         return fit
     first = len(stacked.moment[0]) - len(labels)
+    proportional = log_odds_in_proportion(total, len(fit.nuisance_values), fit.causes, offered, chosen)
     own = np.r_[: len(fit.nuisance_values), first + np.flatnonzero([label in chosen for label in labels])]
     known = KnownProducts(fit.nuisance, stacked.gram[:, own[:, None], own])
     del stacked
     log_prior = -len(chosen) * float(np.log(len(set(labels))))
-    return replace(fit_causes(problem, fit.causes, departures=kept, known=known), log_prior=log_prior)
+    departing = fit_causes(problem, fit.causes, departures=kept, known=known)
+    return replace(departing, log_prior=log_prior, proportional=proportional)
 
 
 def marginal_likelihood(fit: Fit) -> float:
@@ -245,15 +264,13 @@ def marginal_likelihood(fit: Fit) -> float:
     """
     gram = fit.blocks.total().gram
     widths = len(fit.nuisance_values), sum(map(width_of, fit.columns)), len(fit.departure_values)
-    first, place, powers = sum(widths[:2]), widths[0], []
+    place, powers = widths[0], []
     for cause, columns in zip(fit.causes, fit.columns, strict=True):
         own = slice(place, place := place + width_of(columns))
-        powers.append(_amplitudes(cause) @ gram[own, own] @ _amplitudes(cause))
+        powers.append(amplitudes_of(cause) @ gram[own, own] @ amplitudes_of(cause))
     counts = np.array([len(cause.effect.indices(Role.LINEAR)) for cause in fit.causes])
-    inner = gram[:first, :first] + np.diag(np.repeat([1.0, 1e-12], widths[:2]))
-    apart = gram[first:, first:] - gram[first:, :first] @ solve_scaled(inner, gram[:first, first:])
-    occam = float(np.linalg.slogdet(np.eye(len(apart)) + apart)[1])
-    return fit.log_prior - 0.5 * (fit.squares + occam) - float(np.sum(price_of(np.array(powers), counts)))
+    price = price_of_departures(gram, *widths[:2]) + float(np.sum(price_of(np.array(powers), counts)))
+    return fit.log_prior - 0.5 * fit.squares - price
 
 
 def reductions_beside(problem: Problem, fit: Fit, columns: Columns) -> tuple[Powers, int]:
@@ -344,6 +361,6 @@ def departures_of(fit: Fit) -> list[FittedDepartures]:
         start += len(values)
         taken = solve_scaled(gram[own, own], gram[own, apart])
         products = gram[apart, apart] - gram[apart, own] @ taken
-        textbook = _amplitudes(fit.causes[departures.cause]) + taken @ values
+        textbook = amplitudes_of(fit.causes[departures.cause]) + taken @ values
         found.append(FittedDepartures(departures, values, products / (textbook @ gram[own, own] @ textbook or 1.0)))
     return found

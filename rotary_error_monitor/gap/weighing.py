@@ -16,6 +16,7 @@ from rotary_error_monitor.gap.hypotheses import Hypothesis
 from rotary_error_monitor.gap.p_values import chi_square_quantile, log_chi_square_tail
 from rotary_error_monitor.gap.posterior import (
     Posterior,
+    beside_proportional,
     marginal_likelihood,
     powers_of,
     reductions_beside,
@@ -72,6 +73,7 @@ def _posterior(problem: Problem, step: Step, causes: tuple[Cause, ...], false_al
     best = weigh_fit(problem, step, fit)
     if best.near:
         departing = with_departures(problem, fit, false_alarms)
+        best = beside_proportional(best, departing)
         if departing is not fit and _predicts(problem, weighed := weigh_fit(problem, step, departing), fit):
             both = best.settled and weighed.settled and weighed.likelier
             best = max(best, weighed, key=lambda form: marginal_likelihood(form.fit) if both else form.total)

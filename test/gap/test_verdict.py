@@ -15,6 +15,7 @@ from rotary_error_monitor.gap.departures import (
     Modulation,
     amplitude_sizes,
     describe,
+    in_proportion,
     modulated,
     spread_out,
 )
@@ -32,20 +33,32 @@ WARMTH = np.linspace(-np.sqrt(3.0), np.sqrt(3.0), COUNT)[:, None]
 
 
 class DepartingProblem(LinearProblem):
-    """Effects that may grow with warmth; what is left of a channel is tested by its power."""
+    """Effects that may grow with warmth; what is left of a channel is tested by its power.
+
+    Attributes:
+        spread: standard deviation of the warmth as a part of its mean; 0: it has no zero of its own.
+        blind: whether the tests see nothing.
+    """
+
+    spread = 0.0
+    blind = False
 
     def departures(self, causes):
         found = []
         for place, cause in enumerate(causes):
             amplitudes, sizes = cause.values[:1], amplitude_sizes(cause)
-            modulations = [Modulation("temperature", WARMTH, lambda change: f"grows by {change:.2f}")]
+            growth = Modulation("temperature", WARMTH, lambda change: f"grows by {change:.2f}", True, self.spread)
+            modulations = [growth]
             rows = {c: modulated(s[:, :, None], amplitudes, sizes, modulations) for c, s in cause.effect.column.items()}
             columns = {channel: values[:, 0] for channel, values in rows.items()}
-            found.append(Departures(place, *spread_out(modulations, amplitudes, sizes), columns))
+            told, proportional = spread_out(modulations, amplitudes, sizes), in_proportion(modulations, sizes)
+            found.append(Departures(place, *told, columns, proportional=proportional))
         return tuple(found)
 
     def structure(self, rest):
         squares = {channel: float(np.sum(rows**2)) for channel, rows in rest.items()}
+        if self.blind:
+            return [Finding(channel, "none", 0.0, 0.0, "") for channel in rest]
         return [Finding(c, "power", log_chi_square_tail(s, COUNT), max(s - COUNT, 0.0), "") for c, s in squares.items()]
 
 
@@ -56,13 +69,14 @@ def judged(rng):
     `make` gives the rows from the first effect's column and from a column that no effect has.
     """
 
-    def judge_all(make):
+    def judge_all(make, spread=0.0, blind=False):
         outcomes = []
         for _ in range(CASES):
             first, second, other = rng.normal(size=(3, COUNT, 1))
             x, y = make(first, other)
             data = {"x": x + rng.normal(size=(COUNT, 1)), "y": y + rng.normal(size=(COUNT, 1))}
             problem = DepartingProblem(data, {})
+            problem.spread, problem.blind = spread, blind
             more = {f"more {i}": {"x": column} for i, column in enumerate(rng.normal(size=(20, COUNT, 1)))}
             problem.offer({"first": {"x": first}, "second": {"x": second, "y": other}, **more})
             outcomes.append(judge(problem, select_causes(problem, most=1)))
@@ -99,6 +113,19 @@ def test_what_grows_from_nothing_is_no_steady_effect(judged):
     """The known effect takes three quarters of it away; the rest is no departure but another thing."""
     outcomes = judged(lambda first, other: (20 * first * (WARMTH + np.sqrt(3.0)), 0 * first))
     assert rate(outcomes, Verdict.UNKNOWN, ()) > 0.9
+
+
+@pytest.mark.parametrize(("spread", "blind"), [(0.1, False), (0.2, False), (0.2, True)])
+def test_what_is_proportional_to_a_quantity_that_hardly_varies_is_no_departure(judged, spread, blind):
+    """A force squared is no compliance, however little the force varies, and whether its textbook form leaves what the
+    tests see or what its evidence alone tells; what departs otherwise is a departure.
+    """
+
+    def growing(share):
+        return judged(lambda first, other: (100 * first * (1 + share * WARMTH), 0 * first), spread, blind)
+
+    assert rate(growing(spread), Verdict.UNKNOWN, ()) > 0.9
+    assert all(rate(growing(share), Verdict.EXPLAINED) > 0.9 for share in (-spread, 0.5 * spread))
 
 
 def test_what_resembles_a_known_effect_by_half_is_unknown(judged):

@@ -27,9 +27,9 @@ def machine_departures(problem: MachineProblem, place: int, causes: Sequence[Cau
     cause, recording, axes = causes[place], problem.recording, problem.machine.axes
     rows = problem.signature(cause, cause.effect.indices(Role.LINEAR), causes)
     units = dict.fromkeys(problem.channels, problem.probe_std)
-    span = float(np.ptp(recording.temperature))
+    warming = recording.temperature - problem.machine.reference_temperature
     always = {
-        "temperature": Quantity("temperature", recording.temperature, partial(_with_temperature, span)),
+        "temperature": Quantity("temperature", warming, partial(_with_temperature, float(np.ptp(warming))), zero=True),
         "time": Quantity("time", problem.index, lambda change, unit: f"{grows(change)} with time"),
     }
     own = [axis for axis in axes if axis.letter == cause.location[-1:] and len(cause.location) != 2]

@@ -38,6 +38,9 @@ SOFT = (1 / 128, 1 / 32, 1 / 8)
 
 _SLOW = ("temperature", "time")
 
+_WITH_ZERO = ("temperature", "speed", "square of speed", "velocity", "load")
+"""Quantities that are none at zero: a cause may be proportional to them. Temperature is counted from the reference."""
+
 
 class StageModulations:
     """Modulations of the effects of one recording; those of its stretches are cut out of the same functions."""
@@ -66,7 +69,13 @@ class StageModulations:
         norm, unit, found = self._norm, self._norm.unit, self._quantities(state)
         words = self._words()
         rows = [
-            Modulation(name.replace("square of ", "").replace("velocity", "speed"), norm(name, found[name]), say, True)
+            Modulation(
+                name.replace("square of ", "").replace("velocity", "speed"),
+                norm(name, found[name]),
+                say,
+                True,
+                norm.proportional(name) if name in _WITH_ZERO else 0.0,
+            )
             for name, say in words.items()
             if unit(name) and (slow or name not in _SLOW)
         ]

@@ -14,7 +14,7 @@ from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.effect import Cause, Role, Searched, among, values_of
 from rotary_error_monitor.effects.rotor import HEAD, StageEffect
-from rotary_error_monitor.gap.departures import SHARE, Departures, amplitude_sizes, modulated, spread_out
+from rotary_error_monitor.gap.departures import SHARE, Departures, amplitude_sizes, in_proportion, modulated, spread_out
 from rotary_error_monitor.gap.noise_level import NOISIER
 from rotary_error_monitor.gap.problem import Candidate, Columns, Finding, Rows, Share, SparseRows
 from rotary_error_monitor.gap.structure import Track
@@ -206,6 +206,7 @@ class StageProblem:
         kind, say, real = self._no_jumps(cause, causes, signatures) if sudden else ("", stays, {})
         white: Rows = {}
         labels = {"": spread_out((), amplitudes, sizes)}
+        proportional: dict[str, tuple[Array, ...]] = {}
         # One instrument after the other: as signals and white they take more room than all else.
         for names in _by_instrument(signatures):
             stacked: Signals = {}
@@ -218,6 +219,7 @@ class StageProblem:
                 beside += [real[name]] if name in real else []
                 stacked[name] = modulated(signature, amplitudes, sizes, modulations, beside)
                 labels[name] = spread_out(modulations, amplitudes, sizes)
+                proportional[name] = in_proportion(modulations, sizes, sum(rows.shape[2] for rows in beside))
             white |= self._white(stacked)
         kinds, words, changes = labels[next(reversed(signatures), "")]
         orders = one_by_one(neighbours, SHARE * sizes)
@@ -229,6 +231,7 @@ class StageProblem:
             np.append(changes, np.zeros(len(orders) + others)),
             white,
             (*(None for _ in kinds), *orders, *[None] * others),
+            proportional.get(next(reversed(signatures), ""), ()),
         )
 
     def independent(self, cause: Cause) -> float:

@@ -23,11 +23,11 @@ def test_what_no_effect_describes_is_unknown(stage_problem):
     # In both directions: in one alone a loop is an order that is missing near standstill.
     found = [
         diagnose(stage_problem(seed, "unknown", [name], duration=40.0)[0])
-        for name in ("tilt_loop", "ring_scratch", "warm_crosstalk")
+        for name in ("tilt_loop", "ring_scratch", "warm_crosstalk", "stiffening_bearing")
         for seed in (14, 15)
     ]
     unknown = [diagnosis for diagnosis in found if diagnosis.verdict is Verdict.UNKNOWN]
-    assert len(unknown) >= 5, [diagnosis.verdict.value for diagnosis in found]
+    assert len(unknown) >= 7, [diagnosis.verdict.value for diagnosis in found]
     for diagnosis in unknown:
         assert not diagnosis.causes and diagnosis.remainder
         assert "Unknown" in verdict_sentence(diagnosis)
