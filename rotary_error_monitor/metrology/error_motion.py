@@ -5,6 +5,7 @@ Components in the order of ISO 230-1: `exc eyc ezc eac ebc ecc`: two radial, axi
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -192,6 +193,11 @@ BEND = (9 / 384) ** 2
 """Variance of an interpolation over the square of the third difference of its samples, see `bend_variance`."""
 
 
+KINK = 1 / (9 * math.sqrt(3))
+"""Part of a third difference that a cubic through even samples misses at most where the acceleration jumps once: the
+largest x (1 - x²) / 6 between the middle ones, 0 to 1, of a parabola that begins just before the last one."""
+
+
 def bend_variance(bend: Array) -> Array:
     """(m,) variance of a rotation against its command from what interpolation cannot follow, rad².
 
@@ -199,7 +205,7 @@ def bend_variance(bend: Array) -> Array:
     samples, the fourth difference is about the third, `bend` (m, streams), which four samples give; heads miss alike,
     the command by itself.
     """
-    return np.asarray(BEND * (np.max(bend[:, :-1], axis=1) ** 2 + bend[:, -1] ** 2))
+    return np.asarray(BEND * (np.max(np.abs(bend[:, :-1]), axis=1) ** 2 + bend[:, -1] ** 2))
 
 
 def head_variance(encoder: Encoder, gain: Array, travel: Array) -> Array:

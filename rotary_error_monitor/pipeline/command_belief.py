@@ -10,6 +10,7 @@ from itertools import pairwise
 from statistics import median
 
 from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.metrology.error_motion import KINK
 from rotary_error_monitor.pipeline.evidence import LONG, SHORT, SIGMAS, Reach, Window, Windows
 from rotary_error_monitor.pipeline.head_belief import AGREEMENT
 from rotary_error_monitor.pipeline.ring_belief import ABSENT
@@ -125,7 +126,8 @@ class CommandBelief:
         wrong = self._beyond(window, speed) or (self._stuck(window, last) if whole else "") or step
         late = ""
         if not wrong:
-            self._measure(window.number, [window.mean.theta], [window.mean.ecc], [window.scatter.ecc])
+            missed = _missed_in(window)
+            self._measure(window.number, [window.mean.theta], [window.mean.ecc], [window.scatter.ecc], [missed])
             late = self._measure_delay(window)
         usual = bool(self.doubt) and self._is_usual(window.mean.ecc, speed)
         wrong = wrong or ("" if usual else late)
@@ -182,7 +184,8 @@ class CommandBelief:
     def foresee(self, windows: Windows) -> None:
         """Make ready for windows that are to be judged."""
         thetas, distances = windows.mean.theta, windows.mean.ecc
-        self._slope.foresee(windows.first, SHORT, list(map(operator.sub, thetas, distances)), distances)
+        missed = list(map(_missed, windows.mean.head_bend, windows.mean.command_bend))
+        self._slope.foresee(windows.first, SHORT, list(map(operator.sub, thetas, distances)), distances, missed=missed)
 
     def are_calm(self, windows: Windows) -> bool:
         """Whether rotation and command belong together in windows that have both, but for what the last measures."""
@@ -205,10 +208,10 @@ class CommandBelief:
         speeds = [self._speed_of(windows[0], last), *[each / duration for each in moved[1:]]]
         if len(windows) > 1:
             self._told = windows.last, speeds[-1]
-        for theta, turned, distance, speed in zip(thetas, moved, distances, speeds, strict=True):
-            seen = theta, turned, (distance, speed)
-            self.shift = self._zero.judge(*seen, self.delay, self._noise, self._hidden)
-        measured = self._measure(windows.first, thetas, distances, windows.scatter.ecc)
+        missed = list(map(_missed, windows.mean.head_bend, windows.mean.command_bend))
+        for theta, turned, distance, speed, miss in zip(thetas, moved, distances, speeds, missed, strict=True):
+            self.shift = self._shift((theta, turned, (distance, speed)), miss if miss > self._noise else 0.0)
+        measured = self._measure(windows.first, thetas, distances, windows.scatter.ecc, missed)
         samples = [max(1.0, windows.ticks * each) for each in windows.mean.head_samples]
         scatters = list(map(_deviation, measured, samples))
         found = []
@@ -252,7 +255,7 @@ class CommandBelief:
 
     def _beyond(self, window: Window, speed: float) -> str:
         allowed = self._limits.following_error + self._limits.latency * abs(speed)
-        if abs(window.mean.ecc) <= allowed:
+        if abs(window.mean.ecc) <= allowed + _missed_in(window):
             return ""
         return (
             f"rotation and command are {window.mean.ecc * 1e6:.4g} µrad apart at {speed:.3g} rad/s; following error "
@@ -263,7 +266,8 @@ class CommandBelief:
         """A step of the distance that neither the drive nor a change of speed makes."""
         step = abs(window.mean.ecc - last.mean.ecc)
         accelerated = self._limits.latency * abs(speed - self._speed)
-        if step <= STEADY * self._limits.following_error + accelerated + 6.0 * scatter:
+        missed = _missed_in(window) + _missed_in(last)
+        if step <= STEADY * self._limits.following_error + accelerated + missed + 6.0 * scatter:
             return ""
         self._size = step
         return f"a step of {step * 1e6:.3g} µrad between rotation and command within {window.duration * 1e3:g} ms"
@@ -280,12 +284,14 @@ class CommandBelief:
         )
 
     def _shift_in_silence(self, window: Window, last: Window, speed: float) -> float:
-        theta, distance = window.mean.theta, window.mean.ecc
+        theta, distance, missed = window.mean.theta, window.mean.ecc, _missed_in(window)
+        missed = missed if missed > self._noise else 0.0
         if not (window.tells_rotation and last.tells_rotation):  # the speed is anything up to this one
-            unknown = (abs(self.delay) + self._hidden) * abs(speed)
-            return self._zero.judge(theta, 0.0, (distance, 0.0), self.delay, self._noise, self._hidden, unknown)
-        place = theta, theta - last.mean.theta, (distance, speed)
-        return self._zero.judge(*place, self.delay, self._noise, self._hidden)
+            return self._shift((theta, 0.0, (distance, 0.0)), missed + (abs(self.delay) + self._hidden) * abs(speed))
+        return self._shift((theta, theta - last.mean.theta, (distance, speed)), missed)
+
+    def _shift(self, place: tuple[float, float, tuple[float, float]], unknown: float) -> float:
+        return self._zero.judge(*place, self.delay, self._noise, self._hidden, unknown)
 
     def _scatter(self, window: Window) -> float:
         """Standard deviation of a single distance by the scatter of windows about their neighbours, or within, rad."""
@@ -308,12 +314,17 @@ class CommandBelief:
         return abs(command) > STANDS * abs(turned) or abs(turned) < 6.0 * self._noise
 
     def _measure(
-        self, first: int, thetas: Sequence[float], distances: Sequence[float], scatters: Sequence[float]
+        self,
+        first: int,
+        thetas: Sequence[float],
+        distances: Sequence[float],
+        scatters: Sequence[float],
+        missed: Sequence[float],
     ) -> list[tuple[float, float] | None]:
-        """Take in rotation, distance and scatter within windows from the `first` on; give `_variances` after each."""
-        for number, (theta, distance) in enumerate(zip(thetas, distances, strict=True), start=first):
+        """Take in rotation, distance, scatter and what is missed of windows from the `first` on; give `_variances`."""
+        for number, (theta, distance, miss) in enumerate(zip(thetas, distances, missed, strict=True), start=first):
             # the command's speed: at its rest a drive that settles goes as its distance does, late or not
-            self._slope.add(number, theta - distance, distance)
+            self._slope.add(number, theta - distance, distance, missed=miss)
         course = [*self._distances, *distances]
         self._distances = course[-2:]
         squares = [
@@ -353,6 +364,18 @@ class CommandBelief:
 def _tells(window: Window) -> bool:
     """Whether the mean distance is one: not of a window that lacks rotation or command at some ticks."""
     return window.has("command") and window.has("heads")
+
+
+def _missed(head_bend: float, command_bend: float) -> float:
+    """What interpolation of heads and of command may miss of their mean distance in a window, rad.
+
+    Both by their third differences: of a jump of acceleration all of these have one sign, and those of noise cancel.
+    """
+    return KINK * (abs(head_bend) + abs(command_bend))
+
+
+def _missed_in(window: Window) -> float:
+    return _missed(window.mean.head_bend, window.mean.command_bend)
 
 
 def _deviation(variances: tuple[float, float] | None, samples: float) -> float:

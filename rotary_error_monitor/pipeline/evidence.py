@@ -40,6 +40,8 @@ class Means(NamedTuple, Generic[Number]):
     command: Number  # whether there is a command
     turns: Number  # whole turns between rotation and command
     ecc: Number  # rotation minus command, rad, within half a turn
+    head_bend: Number  # third difference of the samples around a tick, mean of the heads, rad; 0 for a fit
+    command_bend: Number  # the same of the command
     centre_x: Number  # of the ring, m
     centre_y: Number
     surplus_x: Number  # centre less all that the description predicts of it, m, as far as the heads see it

@@ -36,7 +36,8 @@ class SpeedSlope:
     """Slope over the speed of what windows show, by least squares; drift and some orders of the rotation beside it.
 
     The speed is that from the window before to the window after: jitter of the rotor is in what is seen as well, and a
-    speed that ends at the window itself would go with it.
+    speed that ends at the window itself would go with it. What interpolation misses goes with the speed as well where
+    drift leaves little of that, as in a first ramp: it counts as a deviation that no scatter shows.
 
     Attributes:
         value: the slope (k,) where it stands out from what is left, in the unit of the values times s/rad; zero
@@ -51,10 +52,10 @@ class SpeedSlope:
         self._quantile = stdtrit
         self._orders = np.arange(1, orders + 1)[:, None]
         self._kept = kept
-        # a row each of numbers, angles, values and waves of the angles, which are the same at each measurement; twice
-        # the room: only once in `kept` windows the latest are moved to the front
-        self._room = np.empty((2 + size + 2 * orders, 2 * kept))
-        self._shown, self._waves = slice(2, 2 + size), slice(2 + size, None)
+        # a row each of numbers, angles, what is missed, values and waves of the angles, which are the same at each
+        # measurement; twice the room: only once in `kept` windows the latest are moved to the front
+        self._room = np.empty((3 + size + 2 * orders, 2 * kept))
+        self._shown, self._waves = slice(3, 3 + size), slice(3 + size, None)
         self._begin = self._end = 0
         self._new: list[tuple[float, ...]] = []  # windows that are not in the room yet
         self._ahead = 0  # windows behind the end that were foreseen
@@ -74,7 +75,14 @@ class SpeedSlope:
         self.value = np.array(value)
         self.length = math.hypot(*value)
 
-    def foresee(self, first: int, every: int, thetas: Sequence[float], *values: Sequence[float]) -> None:
+    def foresee(
+        self,
+        first: int,
+        every: int,
+        thetas: Sequence[float],
+        *values: Sequence[float],
+        missed: Sequence[float] | None = None,
+    ) -> None:
         """Make ready for windows that are to be taken in: of many at once it takes less time than of each.
 
         What was foreseen before and did not come is forgotten.
@@ -84,6 +92,7 @@ class SpeedSlope:
             every: a measurement follows upon each window whose number is a multiple.
             thetas: of each, as of `add`.
             *values: the same.
+            missed: the same; none for 0.
         """
         self._ahead = 0
         self._none.clear()
@@ -93,7 +102,7 @@ class SpeedSlope:
         self._make_room()
         if not self._end or self._room[0, self._end - 1] != first - 1:
             return
-        new = [thetas[:count], *(each[:count] for each in values)]
+        new = [thetas[:count], missed[:count] if missed else [0.0] * count, *(each[:count] for each in values)]
         self._put(np.array([range(first, first + count), *new], np.float64))
         self._ahead = count
         ends = np.arange(self._end + 1 + -first % every, self._end + count + 1, every)
@@ -114,8 +123,8 @@ class SpeedSlope:
                 sure[told] = self._show_none(room[0, 1:-1], self._rows(room, 1.0), *places)
         return sure
 
-    def add(self, number: int, theta: float, *values: float) -> None:
-        """Take in what the window of a `number` shows at a rotation (rad)."""
+    def add(self, number: int, theta: float, *values: float, missed: float = 0.0) -> None:
+        """Take in what the window of a `number` shows at a rotation (rad), and what interpolation may miss of each."""
         if self._ahead and self._room[0, self._end] == number:
             self._ahead -= 1
             self._end += 1
@@ -123,7 +132,7 @@ class SpeedSlope:
             return
         self._ahead = 0
         self._none.clear()
-        self._new.append((number, theta, *values))
+        self._new.append((number, theta, missed, *values))
         if len(self._new) >= self._kept:
             self._make_room()
 
@@ -135,12 +144,12 @@ class SpeedSlope:
         self._make_room()
         if not self.length and self._none and int(self._room[0, self._end - 1]) in self._none:
             return
-        number, rows = self._usable(duration)
+        number, missed, rows = self._usable(duration)
         if len(number) < 2 * self._unknown:
             return
         if not self.length and self._shows_none(number, rows):
             return
-        slope, margin = self._regress(rows, *_trend(number))
+        slope, margin = self._regress(rows, missed, *_trend(number))
         unseen = np.where(np.abs(slope - self.value) > margin, 0.0, self.value)
         self.value = np.where(np.abs(slope) > margin, slope, unseen)
         self.length = math.sqrt(float(self.value @ self.value))
@@ -150,20 +159,20 @@ class SpeedSlope:
         self._make_room()
         if self._end == self._begin:
             return math.inf
-        number, rows = self._usable(duration)
+        number, missed, rows = self._usable(duration)
         if len(number) < 2 * self._unknown:
             return math.inf
-        margin = self._regress(rows, *_trend(number))[1]
+        margin = self._regress(rows, missed, *_trend(number))[1]
         return math.sqrt(float(margin @ margin))
 
-    def _usable(self, duration: float) -> tuple[Array, Array]:
-        """Numbers (n,) and rows, as of `_rows`, of the windows that have both neighbours."""
+    def _usable(self, duration: float) -> tuple[Array, Array, Array]:
+        """Numbers (n,), what is missed (n,) and rows, as of `_rows`, of the windows that have both neighbours."""
         room = self._room[:, self._begin : self._end]
-        number, rows = room[0, 1:-1], self._rows(room, duration)
+        number, missed, rows = room[0, 1:-1], room[2, 1:-1], self._rows(room, duration)
         if room[0, -1] - room[0, 0] != room.shape[1] - 1:  # some windows are missing
             inner = np.flatnonzero(room[0, 2:] - room[0, :-2] == 2.0)
-            number, rows = number[inner], rows[:, inner]
-        return number, rows
+            number, missed, rows = number[inner], missed[inner], rows[:, inner]
+        return number, missed, rows
 
     def _make_room(self) -> None:
         """Put new windows behind the others."""
@@ -186,15 +195,16 @@ class SpeedSlope:
         room[: len(new)] = new
         room[self._waves] = np.concatenate([np.cos(angles), np.sin(angles)])
 
-    def _regress(self, rows: Array, powers: Array, trend: Array) -> tuple[Array, Array]:
+    def _regress(self, rows: Array, missed: Array, powers: Array, trend: Array) -> tuple[Array, Array]:
         """Slope (k,), and how large it can be by chance, from rows (w + 1 + k, n): waves, speed, values.
 
-        `powers` (p, n) of time and the `trend` (n, p) that spans them are fitted as well.
+        Of the values as much as `missed` (n,) may be wrong. `powers` (p, n) of time and the `trend` (n, p) that spans
+        them are fitted as well.
         """
         fitted = len(rows) - 1 - len(self.value)
         others = np.linalg.qr(np.vstack([powers, rows[:fitted]]).T)[0] if fitted else trend
         columns = np.ascontiguousarray(rows[fitted:].T)
-        return self._slope_of(columns - others @ (others.T @ columns))
+        return self._slope_of(columns - others @ (others.T @ columns), missed)
 
     def _rows(self, room: Array, duration: float) -> Array:
         """(w + 1 + k, n) waves, speed and values of windows between the first and the last of a part of the room."""
@@ -250,15 +260,19 @@ class SpeedSlope:
         margin = float(self._quantile(freedom, 1.0 - CHANCE)) * math.sqrt(square / same[0][0] / freedom)
         return abs(slope) < SURELY * margin
 
-    def _slope_of(self, free: Array) -> tuple[Array, Array]:
-        """Slope (k,), and how large it can be by chance, from speed and values (n, 1 + k) free of all else."""
+    def _slope_of(self, free: Array, missed: Array) -> tuple[Array, Array]:
+        """Slope (k,), and how large it can be by chance, from speed and values (n, 1 + k) free of all else.
+
+        What may be `missed` (n,) of the values counts as its standard uncertainty.
+        """
         speed, values = free[:, 0], free[:, 1:]
         spread = max(float(speed @ speed), _TINY)
         slope = speed @ values / spread
         rest = values.T - slope[:, None] * speed
         squares = np.square(rest).sum(axis=1)
         freedom = np.maximum(_independent(rest, squares) - self._unknown - 1.0, 1.0)
-        deviation = np.sqrt(squares / spread / freedom)
+        systematic = float(np.square(speed * missed).sum()) / spread
+        deviation = np.sqrt((squares / freedom + systematic) / spread)
         return slope, self._quantile(freedom, 1.0 - CHANCE) * deviation
 
     def __len__(self) -> int:

@@ -30,7 +30,7 @@ def stream_limits(stage: StageDescription) -> dict[str, tuple[tuple[str, ...], S
         # Zero and axes of its own shift and turn what it can read against the tilts that are left of its readings.
         largest = stage.response(AUTOCOLLIMATOR).largest(2.0 * instrument.range)
         noise = math.hypot(instrument.noise, instrument.resolution)
-        tilts = SampleLimits(largest, noise=noise, path=_described_tilts(stage))
+        tilts = SampleLimits(largest, noise=noise, path=described_tilts(stage))
         found[AUTOCOLLIMATOR] = ("tilt_x", "tilt_y"), tilts
     # where the command is the rotation, its fields are held against one another
     found[COMMAND] = ("angle",) if encoder else ("angle", "velocity"), angles
@@ -40,7 +40,7 @@ def stream_limits(stage: StageDescription) -> dict[str, tuple[tuple[str, ...], S
     return found
 
 
-def _described_tilts(stage: StageDescription) -> DescribedPath:
+def described_tilts(stage: StageDescription) -> DescribedPath:
     """Tilts of the mirror, rad, over a turn of the rotor."""
     theta = np.linspace(0.0, TURN, PLACES, endpoint=False)
     mirror = -remove_mirror(np.zeros((PLACES, 2)), theta, stage.mirror)

@@ -299,4 +299,7 @@ def _put_command(motion: ErrorMotion, seen: NDArray[np.float64], command: Comman
     motion.covariance[:, :2, 5] = motion.covariance[:, 5, :2] = ring.covariance[:, 0, 1:]
     seen[:, index["command"]] = 1.0
     seen[:, index["ecc"]] = distance
+    *heads, asked = command.bends.T
+    seen[:, index["head_bend"]] = sum(heads[1:], heads[0]) / len(heads)
+    seen[:, index["command_bend"]] = asked
     seen[:, index["turns"]] = turns

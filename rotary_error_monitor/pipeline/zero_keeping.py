@@ -62,7 +62,8 @@ class ZeroKeeping:
             delay: of the heads against the command, s.
             noise: rad.
             hidden: by how much that delay may be another, s.
-            unknown: part of the distance, rad, that shows nothing, for the speed is not known.
+            unknown: part of the distance, rad, that shows nothing, for the speed is not known or it was
+                interpolated.
         """
         before = (self._turn.get(theta, moved) or self._place) if self.open else None
         self.untold = 0.0

@@ -39,8 +39,8 @@ class Resampled:
         values: (m, k); zero where not valid.
         gain: (m,) variance of a value over that of one sample.
         travel: (m, k) how far the signal moves over the samples that were used.
-        bend: (m, k) third difference of the samples of an interpolation, zero for a fit: what it cannot follow grows
-            with it.
+        bend: (m, k) third difference of the samples of an interpolation, with its sign, zero for a fit: what it cannot
+            follow grows with it.
         valid: (m,) whether the samples around the tick allow a value.
     """
 
@@ -219,7 +219,7 @@ def _bend(samples: Sequence[Array], before: Array, middle: Array, behind: Array)
     first = (speeds[1] - speeds[0]) / (before + middle)[:, None]
     second = (speeds[2] - speeds[1]) / (middle + behind)[:, None]
     square = 2 / 3 * middle * np.sqrt((0.5 * middle + before) * (0.5 * middle + behind))  # of the even distance
-    return np.asarray(np.abs(second - first) * (6 * square * np.sqrt(square) / (before + middle + behind))[:, None])
+    return np.asarray((second - first) * (6 * square * np.sqrt(square) / (before + middle + behind))[:, None])
 
 
 def _fit(signals: list[_Cells], period_ns: int) -> list[Resampled]:

@@ -359,9 +359,12 @@ BEHAVIOUR = (
             "autocollimator_late",
         ),
         "autocollimator",
-        f"{_ESTIMATOR}: it does not fit its description, and which mistake explains it",
+        f"{_ESTIMATOR}: it does not fit its description, and which mistake explains it; one that changes the figure by "
+        "less than half of `limits.tilt` is not told: the rotor may tilt so, and heads see none of it. Of drawn stages "
+        "a wrong sign of x does so in a fifth",
         "before a turn has verified it, its uncertainty is what the stage can tilt; after that the figure over the "
-        "angles of the last turn tells",
+        "angles of the last turn tells, of which 16 are told apart: where the rotor indexes, what began meanwhile "
+        "shows only as it comes to them again",
         "everything but tilt; until enough angles were visited, a tilt that is off by no more than the stage can tilt",
         "within 1 s of its end, once it has fitted for 0.5 s",
         tilt_bound,

@@ -1,8 +1,13 @@
-"""Displacement probes at 1 kHz beside autocollimators that are slow: sound ones are believed, over drawn stages."""
+"""Autocollimators that are slow: they are believed, and displacement probes at 1 kHz beside them, over drawn stages."""
 
 from __future__ import annotations
 
-from world import Options, Recording, make_recording, random_stage, with_probes
+from functools import cache
+
+import numpy as np
+from draws import seeds
+from world import FAULTS, Options, Recording, make_recording, random_stage, with_probes
+from world.recording import AUTOCOLLIMATOR
 
 from faults.judging import judge
 from faults.recordings import MOST_WRONG
@@ -33,3 +38,45 @@ def test_sound_probes_are_rarely_doubted():
             doubted[seed] = reasons
     assert len(doubted) <= 1, doubted
     assert not [seed for seed in doubted if seed < 32], "none of those that were first looked at"
+
+
+@cache
+def of_high_order(seed: int) -> Recording:
+    """A stage that tilts by an order of 5 to 9, and turns by up to a ninth to a sixth of a turn from one reading on."""
+    generator, section = np.random.default_rng([seed, 5]), random_stage(seed)
+    order, size = int(generator.integers(5, 10)), generator.uniform(1e-6, 2e-5)
+    x, y = ((size * np.array([np.cos(at), np.sin(at)])).tolist() for at in generator.uniform(0.0, 2 * np.pi, 2))
+    others = [row for row in section["spindle"]["tilt"] if row["order"] != order]
+    section["spindle"]["tilt"] = [*others, {"order": order, "x": x, "y": y}]
+    section["limits"] = {"speed": 150.0}
+    rate = float(generator.uniform(56.0, 110.0))
+    options = Options(
+        motion=("both_directions", "s_curves", "indexing")[seed % 3],
+        odd_rates=False,
+        peak_speed=2 * np.pi * rate / float(generator.uniform(6.0, 9.0)),
+        rates={AUTOCOLLIMATOR: rate},
+        lvdt=False,
+    )
+    return make_recording(seed, duration=4.0, stage=section, options=options)
+
+
+def test_high_orders_are_no_step_while_the_speed_rises():
+    """What is described goes round by half a turn or more from one reading to the next: no interpolation tells it."""
+    found = {seed: judge(of_high_order(seed), of_high_order(seed).stage) for seed in seeds(40)}
+    steps = {seed: each.doubted.get("autocollimator", "") for seed, each in found.items()}
+    assert not any("step" in why for why in steps.values()), steps
+    assert np.mean([each.worst for each in found.values()]) <= MOST_WRONG
+    assert np.mean([each.available["eac"] for each in found.values()]) > 0.85
+
+
+def test_a_step_of_such_an_autocollimator_is_told():
+    """One of 0.2 mrad: not where the described orders of a stage are nearly as large, or its tilt is not published."""
+    wrong, told = [], []
+    for seed in seeds(24):
+        recording = of_high_order(seed)
+        stepped = FAULTS["autocollimator_stepped"](recording, np.random.default_rng(seed), size=2e-4)
+        found = judge(stepped.recording, recording.stage)
+        told.append("autocollimator" in found.doubted)
+        wrong.append(found.worst)
+    assert np.mean(told) > 0.8, told
+    assert np.mean(wrong) <= MOST_WRONG, wrong

@@ -64,6 +64,26 @@ def test_drift_beside_one_start_shows_none():
         assert filled(SpeedSlope(1000), theta, drift + 3e-8 * generator.normal(size=400)).length == 0.0
 
 
+def test_what_interpolation_misses_as_a_ramp_ends_shows_none():
+    """All but the last windows tell no speed beside drift; a delay that is real shows once the speed has changed."""
+    generator = np.random.default_rng(9)
+    time = PERIOD * np.arange(200)
+    for ends in range(22, 60):
+        theta = np.where(time < PERIOD * ends, 6.0 * time**2, PERIOD * ends * (12.0 * time - 6.0 * PERIOD * ends))
+        size = generator.uniform(5e-6, 5e-5)
+        missed = np.where(np.arange(200) == ends, size, 0.0)
+        found = []
+        for count, delay, told in ((ends + 2, 0.0, missed), (ends + 2, 0.0, 0.0 * missed), (200, 2e-4, missed)):
+            slope = SpeedSlope(1000)
+            value = missed + delay * np.gradient(theta, PERIOD) + 1e-9 * generator.normal(size=200)
+            for number in range(count):
+                slope.add(number, float(theta[number]), float(value[number]), missed=float(told[number]))
+            slope.measure(PERIOD)
+            found.append(slope.length)
+        assert found[0] == 0.0 < found[1], "without it there is one"
+        np.testing.assert_allclose(found[2], 2e-4, rtol=0.3)
+
+
 def test_what_was_seen_holds_at_constant_speed_and_goes_when_it_is_contradicted():
     generator = np.random.default_rng(7)
     (theta, speed), time = swing(600), PERIOD * np.arange(600)

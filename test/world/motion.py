@@ -28,24 +28,45 @@ class Motion(Protocol):
 
 
 class Polynomial:
-    """Motion of given durations and velocities: in each piece the velocity goes smoothly from one to the next.
+    """Motion of given durations and velocities: in each piece the velocity goes from one to the next.
 
     Each piece is (duration, velocity at its end). A change of velocity has a continuous acceleration: the velocity
-    follows 3u² - 2u³. Beyond both ends the motion goes on at constant velocity.
+    follows 3u² - 2u³; `linear` ones have a constant acceleration, which jumps at both ends. Beyond both ends the motion
+    goes on at constant velocity.
     """
 
-    def __init__(self, start: float, velocity: float, pieces: Sequence[tuple[float, float]]) -> None:
+    def __init__(
+        self, start: float, velocity: float, pieces: Sequence[tuple[float, float]], *, linear: bool = False
+    ) -> None:
+        self._begin, self._pieces = (start, velocity), pieces
         hold = 1e3
         rows = [(0.0, 0.0, 0.0, velocity, start - hold * velocity)]
         knots = [-hold, 0.0]
         for duration, final in [*pieces, (hold, pieces[-1][1] if pieces else velocity)]:
             change = final - velocity
-            rows.append((-change / (2.0 * duration**3), change / duration**2, 0.0, velocity, start))
+            bends = (0.0, 0.0, 0.5 * change / duration)
+            if not linear:
+                bends = (-change / (2.0 * duration**3), change / duration**2, 0.0)
+            rows.append((*bends, velocity, start))
             knots.append(knots[-1] + duration)
             start += duration * 0.5 * (velocity + final)
             velocity = final
         self._angle = PPoly(np.array(rows).T, np.array(knots))
         self._velocity = self._angle.derivative()
+
+    def ramped(self, ramps: str, rng: np.random.Generator) -> Polynomial:
+        """The same with `ramps` of `options.RAMPS`."""
+        if ramps == "smooth":
+            return self
+        start, last = self._begin
+        pieces: list[tuple[float, float]] = []
+        for duration, final in self._pieces:
+            count = int(rng.integers(3, 9)) if ramps == "jerky" and final != last else 1
+            parts, shares = (each / each.sum() for each in rng.uniform(0.2, 1.0, (2, count)))
+            speeds = last + (final - last) * np.cumsum(shares)
+            pieces += zip((duration * parts).tolist(), [*speeds[:-1].tolist(), final], strict=True)
+            last = final
+        return Polynomial(start, self._begin[1], pieces, linear=True)
 
     def angle(self, times: Array) -> Array:
         """(n,) commanded angle in rad at `times` in s."""
@@ -84,7 +105,10 @@ def make_motion(seeds: Seeds, duration: float, options: Options) -> tuple[str, M
     start = start if options.start_angle is None else options.start_angle
     speed = drawn_log(rng, 0.1, 1.5)
     speed = speed if options.peak_speed is None else options.peak_speed
-    return name, _MAKERS[name](rng, start, speed, duration)
+    motion = _MAKERS[name](rng, start, speed, duration)
+    if isinstance(motion, Polynomial):
+        motion = motion.ramped(options.ramps, seeds.generator("ramps"))
+    return name, motion
 
 
 def _s_curves(rng: np.random.Generator, start: float, speed: float, duration: float) -> Motion:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 MOTIONS = ("s_curves", "both_directions", "indexing", "oscillation", "steady", "standstill", "creep")
+RAMPS = ("smooth", "linear", "jerky")
 ROUNDINGS = ("round", "floor", "fix")
 
 
@@ -20,6 +21,8 @@ class Options:
     Attributes:
         motion: one of `MOTIONS`.
         peak_speed: highest speed of the command in rad/s (not for `creep` and `standstill`).
+        ramps: how the speed changes where it does but in an oscillation, one of `RAMPS`: with a continuous
+            acceleration, one that jumps at both ends, or one that jumps some times in between as well.
         start_angle: angle of the command in rad at the begin.
         start_ns: timestamp (ns) at which the recording begins.
         jitter: factor of the rotor's jitter about the command, which has a standard deviation near 2e-6 rad.
@@ -53,6 +56,7 @@ class Options:
 
     motion: str | None = None
     peak_speed: float | None = None
+    ramps: str = "smooth"
     start_angle: float | None = None
     start_ns: int | None = None
     jitter: float = 1.0
@@ -86,6 +90,8 @@ class Options:
     def __post_init__(self) -> None:
         if self.motion is not None and self.motion not in MOTIONS:
             raise ValueError(f"motion is {self.motion!r}, but it must be one of {', '.join(MOTIONS)}")
+        if self.ramps not in RAMPS:
+            raise ValueError(f"ramps is {self.ramps!r}, but it must be one of {', '.join(RAMPS)}")
         if self.rounding is not None and self.rounding not in ROUNDINGS:
             raise ValueError(f"rounding is {self.rounding!r}, but it must be one of {', '.join(ROUNDINGS)}")
 

@@ -69,17 +69,22 @@ static void put_tilt(const motion *to, const tilt *from, int64_t j) {
 
 static void put_command(const motion *to, const command *from, const ring *of, int64_t j) {
     const double *bends = from->bends + from->count * j, *known = of->covariance + 9 * j;
-    double *covariance = to->covariance + 36 * j, *seen = to->seen + COLUMNS * j, most = bends[0];
+    double *covariance = to->covariance + 36 * j, *seen = to->seen + COLUMNS * j, most = fabs(bends[0]), sum = bends[0];
     double distance = of->theta[j] - from->angle[j], turns = rint(distance / TURN);
     distance = distance - TURN * turns;
     to->theta[j] -= TURN * turns;
     to->components[6 * j + 5] = distance;
     to->observable[6 * j + 5] = 1;
-    for (int64_t i = 1; i < from->count - 1; i++) most = larger(most, bends[i]);
+    for (int64_t i = 1; i < from->count - 1; i++) {
+        most = larger(most, fabs(bends[i]));
+        sum = sum + bends[i];
+    }
     covariance[35] = known[0] + from->missed * (most * most + bends[from->count - 1] * bends[from->count - 1]);
     for (int a = 0; a < 2; a++) covariance[6 * a + 5] = covariance[30 + a] = known[1 + a];
     seen[COMMAND] = 1.0;
     seen[ECC] = distance;
+    seen[HEAD_BEND] = sum / (double)(from->count - 1);
+    seen[COMMAND_BEND] = bends[from->count - 1];
     seen[TURNS] = turns;
 }
 

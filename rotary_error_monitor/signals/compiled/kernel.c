@@ -171,7 +171,7 @@ static void interpolate(const grid *of, const signal *s, int64_t tick, int64_t j
         double one = (speeds[1] - speeds[0]) / (before + middle), other = (speeds[2] - speeds[1]) / (middle + behind);
         s->value[j * k + a] = valid ? y[1] + total : 0.0;
         s->travel[j * k + a] = fabs(y[3] - y[0]);
-        s->bend[j * k + a] = fabs(other - one) * missed;
+        s->bend[j * k + a] = (other - one) * missed;
     }
     s->gain[j] = gain;
     s->valid[j] = (uint8_t)valid;
