@@ -2,9 +2,10 @@
 SHELL := /bin/bash
 FITS := import sys; sys.exit(sys.version_info[:2] not in ((3, 11), (3, 12)))
 # The distribution's own first, which ROS 2 is built for: Python that was built by hand (pyenv) is a fifth slower, as
-# that leaves out what makes it fast unless told. Of both only one that can make a .venv, as long as there is such a one.
-PYTHON ?= $(shell for needed in ensurepip sys; do for name in /usr/bin/python3 python3 python3.12 python3.11; do \
-	$$name -c "import $$needed; $(FITS)" 2>/dev/null && { echo $$name; break 2; }; done; done)
+# that leaves out what makes it fast unless told. Of both only one that can make a .venv, as long as there is such a one;
+# a .venv that is there keeps its own.
+PYTHON ?= $(shell for needed in ensurepip sys; do for name in $(wildcard $(BIN)/python) /usr/bin/python3 python3 python3.12 \
+	python3.11; do $$name -c "import $$needed; $(FITS)" 2>/dev/null && { echo $$name; break 2; }; done; done)
 VENV := .venv
 BIN := $(VENV)/bin
 export AMENT_PREFIX_PATH := $(CURDIR)/$(VENV)
@@ -103,7 +104,7 @@ DRAWN := $(addprefix test/,analysis/test_trend.py analysis/test_whole_recording.
 	$(addprefix calibration/test_,axis_table.py collimator_rates.py) cases/test_cases.py \
 	$(addprefix commissioning/test_,command.py late_instruments.py travel.py) \
 	$(addprefix faults/test_,all_late.py begin.py calibrated.py common_zero.py ends.py fast_stages.py few_heads.py \
-	gaps.py recordings.py recovery.py responses.py) kinds/quadrature/test_problem.py \
+	gaps.py recordings.py recovery.py responses.py sampled_commands.py) kinds/quadrature/test_problem.py \
 	$(addprefix kinds/stage/test_,arc.py diagnosis.py forces.py) \
 	nodes/test_stage_files.py pipeline/test_common_turns.py)
 MODELS := $(addprefix test/,calibration effects gap kinds machine metrology noise sensors twin)

@@ -50,7 +50,8 @@ def wheel(sdist, tmp_path_factory):
     """The wheel, built of nothing but the source archive."""
     folder = tmp_path_factory.mktemp("unpacked")
     with tarfile.open(sdist) as archive:
-        archive.extractall(folder, filter="data")
+        archive.extraction_filter = getattr(tarfile, "data_filter", None)  # as of Python 3.11.4
+        archive.extractall(folder)
     (source,) = folder.iterdir()
     compiler = checkout.quick_compiler(tmp_path_factory.mktemp("compiler"))
     return built("build_wheel", source, tmp_path_factory.mktemp("wheel"), CC=str(compiler))
