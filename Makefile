@@ -71,7 +71,8 @@ LIVE := $(addprefix test/,commissioning/test_live.py faults/clock faults/live li
 # do the tests of what is no part of the package.
 CELL_RATES := $(addprefix test/,fuzz soak world test_lacking_recordings.py bags/test_writer.py commissioning/test_command.py \
 	commissioning/test_travel.py description/test_configurations.py $(addprefix faults/test_, \
-	begin.py calibrated.py ends.py fast_stages.py few_heads.py gaps.py machine_faults.py page.py recordings.py responses.py undescribed_motion.py zero.py) \
+	begin.py calibrated.py ends.py fast_stages.py few_heads.py gaps.py machine_faults.py page.py recordings.py responses.py sampled_commands.py \
+	undescribed_motion.py zero.py) \
 	$(addprefix pipeline/test_,command_belief.py estimation.py radial_heights.py reversals.py uncertain_responses.py) \
 	$(addprefix recordings/test_,cells.py long_recordings.py measured_curves.py))
 MODEL_RATES := $(addprefix test/,blind_check analysis/test_trend.py benchmark/test_power.py \
