@@ -282,6 +282,12 @@ class ErrorEstimator(ManagedNode):
                 "a head that was silent may have lost counts: no other would contradict it, and the ring is not where "
                 "it was at this angle before",
             )
+        if belief.command.untold:
+            yield (
+                Level.WARN,
+                f"the heads were silent, and the speed is another now: positioning is uncertain by "
+                f"{belief.command.untold * 1e6:.3g} µrad until a change of speed shows the drive's delay",
+            )
         raised = self._estimator.sensor_conflict
         if raised > _TOLD_SCALE:
             yield (

@@ -98,6 +98,15 @@ class CommandBelief:
         self._slope.forget()  # a step of the zero in between would pass for a delay
         self.lag = max(self.lag, self._largest_speed(number) * math.hypot(self.delay, self._timing))
 
+    @property
+    def untold(self) -> float:
+        """What counts as uncertainty of the positioning since the heads were silent, rad; 0 where that is told.
+
+        At another speed than before, lost counts of all heads and a delay that no change of speed has shown are alike.
+        """
+        untold = self._zero.untold / SIGMAS
+        return untold if untold > self._noise else 0.0
+
     def _note_hidden(self, duration: float) -> None:
         self._hidden = min(self._hidden, self._slope.unseen(duration))
 

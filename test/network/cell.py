@@ -26,6 +26,9 @@ BLOCK_PERIOD = 0.02
 PERIOD = 0.002
 """Of blocks and of estimates, s: a quarter of the default's messages and half of its estimates, for two processors."""
 
+STAGE_FIRST = 4.0
+"""By how much longer than the cell the stage has been turning, s: it changes its speed soon after the cell is up."""
+
 MAX_AGE = 0.25
 """Oldest correction that the far controller believes, s: one that has been lost and asked for again, too."""
 
@@ -46,17 +49,22 @@ class Course:
         period_ns: distance of two estimates, ns.
         newest_ns: stamp of the latest; 0 before the first.
         whole_since_ns: from when on each tick has come, with all streams, timestamp (ns).
+        speeds: at which the stage turned meanwhile, in rad/s.
     """
 
     period_ns: int
     newest_ns: int = 0
     whole_since_ns: int = 0
+    speeds: set[int] = field(default_factory=set)
     _decoder: BlockDecoder = field(default_factory=BlockDecoder)
 
     def receive(self, data: bytes) -> None:
         """Take note of a message."""
         block = self._decoder.decode(data)
-        complete = block.column("streams") == ALL_STREAMS
+        complete, theta = block.column("streams") == ALL_STREAMS, block.column("theta")
+        if complete.all() and len(theta) > 1:
+            duration = int(block.times_ns[-1] - block.times_ns[0]) / NANOSECONDS
+            self.speeds.add(round(float(theta[-1] - theta[0]) / duration))
         for time_ns, whole in zip(block.times_ns.tolist(), complete.tolist(), strict=True):
             if not whole or time_ns - self.newest_ns != self.period_ns:
                 self.whole_since_ns = time_ns
@@ -115,7 +123,8 @@ def two_host_cell(
     bag: Path,
 ) -> Iterator[TwoHostCell]:
     """A cell that makes the recording `bag`; nodes of the executables `far` are on the far host, the others here."""
-    settings = MockSettings(seed=5, epoch_ns=time.time_ns(), speeds=(3.0, 6.0), rate=1000.0)
+    begun_ns = time.time_ns() - round(STAGE_FIRST * NANOSECONDS)
+    settings = MockSettings(seed=5, epoch_ns=begun_ns, speeds=(3.0, 6.0), rate=1000.0)
     mock: dict[str, object] = {
         "mock__seed": settings.seed,
         "mock__epoch": settings.epoch_ns,

@@ -90,6 +90,8 @@ def _run(far: tuple[str, ...], bag: Path) -> Witness:
     with two_host_cell(far, bag) as running:
         cell, cable, course = running.cell, running.cable, running.course
         cell.wait_until(running.corrects, "corrections")
+        # the drive's delay is told by then, as in a cell that has been at work
+        cell.wait_until(lambda: {*map(round, running.settings.speeds)} <= course.speeds, "a change of speed")
         cell.wait_until(
             lambda: running.corrects(STEADY) and course.is_whole_for(WHOLE), "estimates without a gap", QUIET
         )

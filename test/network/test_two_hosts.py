@@ -37,7 +37,9 @@ CUT_OFF = Row(
     seen="by both sides: the controller's node, and the compensation; in the log within 1 s",
     done="corrections are held on both sides",
     published="no corrections; an estimate of what is on the estimator's own side",
-    recovery="within 2 s of the end of the cut; what became too old meanwhile is dropped and counted",
+    recovery="within 2 s of the end of the cut; what became too old meanwhile is dropped and counted. Where the speed "
+    "is another then and no change of speed has shown the drive's delay yet, positioning is uncertain until one does: "
+    "`error_estimator: estimate` says by how much",
 )
 
 

@@ -9,7 +9,7 @@ from world import random_stage
 
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.pipeline.command_belief import CommandBelief
-from rotary_error_monitor.pipeline.evidence import COLUMNS, Means, Scatter, Window
+from rotary_error_monitor.pipeline.evidence import COLUMNS, SIGMAS, Means, Scatter, Window
 
 PERIOD, TICKS = 0.01, 10
 COUNT = 1200
@@ -134,3 +134,29 @@ def test_distances_of_a_head_that_was_wrong_are_forgotten_with_it(count, stage):
             assert belief.doubt
             belief.retract(doubt=True)
     assert not any(found[begin + count :])
+
+
+@pytest.mark.parametrize("part", [0.0, 0.7])
+@pytest.mark.parametrize("speeds", [(3.0, 3.0), (3.0, 6.0), (6.0, -3.0)])
+def test_behind_a_silence_at_another_speed_an_unseen_delay_leaves_positioning_open(speeds, part, stage):
+    """It may be that of the drive, or counts that all heads lost, until a change of speed shows which."""
+    generator, late = np.random.default_rng(5), part * stage.limits.latency
+    before, behind, again = (np.full(300, speed) for speed in (*speeds, speeds[0]))
+    speed, silent = np.concatenate([before, behind, again]), range(290, 310)
+    command = PERIOD * np.cumsum(speed)
+    theta = command - late * speed + 1e-8 * generator.normal(size=len(speed))
+    belief, untold = CommandBelief(stage), {}
+    for window in windows(theta, command):
+        if window.number in silent:
+            continue
+        if window.number == silent.stop:
+            belief.note_silence(window.number)
+        belief.judge(window)
+        assert not belief.doubt
+        untold[window.number] = belief.untold
+    faster = abs(speeds[1] - speeds[0])
+    if faster:
+        assert untold[590] >= 0.99 * stage.limits.latency * faster / SIGMAS
+    else:
+        assert not untold[590]
+    assert not untold[899]
