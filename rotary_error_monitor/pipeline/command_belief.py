@@ -219,7 +219,7 @@ class CommandBelief:
             self._told = windows.last, speeds[-1]
         missed = list(map(_missed, windows.mean.head_bend, windows.mean.command_bend))
         for theta, turned, distance, speed, miss in zip(thetas, moved, distances, speeds, missed, strict=True):
-            self.shift = self._shift((theta, turned, (distance, speed)), miss if miss > self._noise else 0.0)
+            self.shift = self._shift((theta, turned, (distance, speed)), miss)
         measured = self._measure(windows.first, thetas, distances, windows.scatter.ecc, missed)
         samples = [max(1.0, windows.ticks * each) for each in windows.mean.head_samples]
         scatters = list(map(_deviation, measured, samples))
@@ -294,12 +294,13 @@ class CommandBelief:
 
     def _shift_in_silence(self, window: Window, last: Window, speed: float) -> float:
         theta, distance, missed = window.mean.theta, window.mean.ecc, _missed_in(window)
-        missed = missed if missed > self._noise else 0.0
         if not (window.tells_rotation and last.tells_rotation):  # the speed is anything up to this one
-            return self._shift((theta, 0.0, (distance, 0.0)), missed + (abs(self.delay) + self._hidden) * abs(speed))
+            return self._shift((theta, 0.0, (distance, 0.0)), missed, (abs(self.delay) + self._hidden) * abs(speed))
         return self._shift((theta, theta - last.mean.theta, (distance, speed)), missed)
 
-    def _shift(self, place: tuple[float, float, tuple[float, float]], unknown: float) -> float:
+    def _shift(self, place: tuple[float, float, tuple[float, float]], missed: float, unknown: float = 0.0) -> float:
+        """As `ZeroKeeping.judge`; what interpolation may miss is unknown as well where it is more than noise."""
+        unknown += missed if missed > self._noise else 0.0
         return self._zero.judge(*place, self.delay, self._noise, self._hidden, unknown)
 
     def _scatter(self, window: Window) -> float:

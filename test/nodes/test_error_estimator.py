@@ -22,6 +22,7 @@ from rotary_error_monitor.nodes.autocollimator import Autocollimator
 from rotary_error_monitor.nodes.encoder_head import EncoderHead
 from rotary_error_monitor.nodes.error_estimator import ErrorEstimator
 from rotary_error_monitor.nodes.mock_controller import MockController
+from rotary_error_monitor.pipeline.command_belief import CommandBelief
 from rotary_error_monitor.pipeline.evidence import WINDOW_NS
 from rotary_error_monitor.resources import config
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock, block_from_samples
@@ -211,6 +212,17 @@ def test_two_neighbouring_heads_are_not_called_too_few(cell):
     cell.run(ErrorEstimator, "error_estimator", period=PERIOD, check_turns=0.0)
     said = "head_a and head_c alone do not tell rotation from displacement; two opposed heads do, or three"
     cell.wait_for_status("error_estimator: estimate", said)
+
+
+def test_what_a_silence_of_all_heads_leaves_open_of_positioning_is_said(cell, sensors, monkeypatch):
+    """What that is, drives in closed form show (pipeline/test_command_belief.py)."""
+    cell.run(ErrorEstimator, "error_estimator", period=PERIOD, check_turns=0.0)
+    cell.wait_for_status("error_estimator: estimate", "complete")
+    monkeypatch.setattr(CommandBelief, "untold", 1.5e-4)
+    cell.wait_for_status("error_estimator: estimate", "positioning is uncertain by 150 µrad until a change of speed")
+    assert cell.status("error_estimator: estimate").level == b"\x01"
+    monkeypatch.setattr(CommandBelief, "untold", 0.0)
+    cell.wait_for_status("error_estimator: estimate", "complete")
 
 
 def test_autocollimator_and_command_go_stale(cell, estimates, sensors, plant):
