@@ -78,8 +78,9 @@ def test_random_losses_of_many_publishers():
                     found.observe(first[publisher] + turn)
         found.finish()
         counts.append((found.lost, lost))
-    assert sum(found == lost for found, lost in counts) >= 295, "two of a thousand mix up several losses at once"
-    assert sum(found for found, _ in counts) == pytest.approx(sum(lost for _, lost in counts), rel=0.002)
+    off = [found - lost for found, lost in counts if found != lost]
+    assert len(off) <= 5, "two of a thousand mix up several losses at once: six of 300 is one in ten thousand"
+    assert all(abs(messages) <= 50 for messages in off), "by no more than one publisher has begun before another"
 
 
 def test_a_stretch_in_which_all_are_lost():
