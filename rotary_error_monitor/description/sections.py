@@ -86,7 +86,7 @@ def read(section: type[T], found: YamlContent, place: Place = (), what: str = ""
             place, value and what is expected.
     """
     if found.node is None:
-        raise InputError(f"{found.origin}: the file is empty; a {what} description is expected")
+        raise InputError(f"{found.origin}: the file is empty; expected is a description ({what})")
     content = found.content
     try:
         for depth, step in enumerate(place):

@@ -123,7 +123,7 @@ def test_what_is_wrong_is_told_with_its_line_and_what_is_right(old, new, told):
 
 
 def test_an_empty_file_is_told():
-    with pytest.raises(InputError, match=r"^g\.yaml: the file is empty; a gearbox description is expected$"):
+    with pytest.raises(InputError, match=r"^g\.yaml: the file is empty; expected is a description \(gearbox\)$"):
         load("# nothing\n")
 
 
