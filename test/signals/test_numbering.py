@@ -5,8 +5,14 @@ from __future__ import annotations
 import random
 
 import pytest
+from scipy.stats import binom
 
 from rotary_error_monitor.signals.numbering import MessageCount
+
+
+def most(cells, rate):
+    """Cells of so many that may be wrong at a rate: more of them only once in a million times."""
+    return int(binom.isf(1e-6, cells, rate))
 
 
 def count(numbers, publishers=1):
@@ -79,8 +85,8 @@ def test_random_losses_of_many_publishers():
         found.finish()
         counts.append((found.lost, lost))
     off = [found - lost for found, lost in counts if found != lost]
-    assert len(off) <= 5, "two of a thousand mix up several losses at once: six of 300 is one in ten thousand"
-    assert all(abs(messages) <= 50 for messages in off), "by no more than one publisher has begun before another"
+    assert len(off) <= most(300, 0.003), "some mix up several losses at once"
+    assert all(abs(messages) < 100 for messages in off), "by where publishers began, twice at most"
 
 
 def test_a_stretch_in_which_all_are_lost():
@@ -137,20 +143,26 @@ def cell(draws, joining=0, restarting=0, stalling=0.0):
     return [(*publisher, draws.random() < stalling) for publisher in first + later]
 
 
-@pytest.mark.parametrize(
-    "world", [{}, {"joining": 3}, {"restarting": 3}, {"joining": 2, "stalling": 0.5}], ids=lambda world: "-".join(world)
-)
-def test_no_loss_is_seen_where_there_is_none(world):
+WITHOUT_LOSSES = [
+    ({}, 0.0004),
+    ({"joining": 3}, 0.0004),
+    ({"restarting": 3}, 0.0004),
+    ({"joining": 2, "stalling": 0.5}, 0.002),
+]
+
+
+@pytest.mark.parametrize(("world", "rate"), WITHOUT_LOSSES, ids=[",".join(world) for world, _ in WITHOUT_LOSSES])
+def test_no_loss_is_seen_where_there_is_none(world, rate):
     """Tenths of a second late, joined before the graph shows them, begun anew, without a processor for a while."""
     draws = random.Random()
     wrong = [lost for _ in range(200) if (lost := hear(cell(draws, **world), 0.0, draws)[0])]
-    assert len(wrong) <= 2, wrong
+    assert len(wrong) <= most(200, rate), wrong
 
 
-@pytest.mark.parametrize(("world", "least"), [({}, 197), ({"joining": 2}, 194), ({"restarting": 2}, 165)])
-def test_losses_are_counted_to_the_message(world, least):
+@pytest.mark.parametrize(("world", "rate"), [({}, 0.004), ({"joining": 2}, 0.02), ({"restarting": 2}, 0.1)])
+def test_losses_are_counted_to_the_message(world, rate):
     """Whoever ends while messages of another are lost, may be taken for the one that lost them."""
     draws = random.Random()
     cells = [hear(cell(draws, **world), 0.02, draws) for _ in range(200)]
-    assert sum(found == lost for found, lost in cells) >= least
+    assert sum(found != lost for found, lost in cells) <= most(200, rate)
     assert sum(found for found, _ in cells) == pytest.approx(sum(lost for _, lost in cells), rel=0.5)
