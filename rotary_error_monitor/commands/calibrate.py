@@ -55,12 +55,11 @@ MOST_POSES = 10_000_000
 """Poses of an uncertainty at most: they take minutes, and some GB of memory."""
 
 
-def add(subparsers: Subparsers[argparse.ArgumentParser]) -> None:
+def add(parser: argparse.ArgumentParser) -> None:
     """Describe the command's arguments."""
-    parser = subparsers.add_parser(
-        "calibrate",
-        description="Exit codes: 0 written, 10 what was measured does not fit or is not good, nothing is written "
-        "(--force writes it all the same), 2 bad input.",
+    parser.description = (
+        "Exit codes: 0 written, 10 what was measured does not fit or is not good, nothing is written "
+        "(--force writes it all the same), 2 bad input."
     )
     steps = parser.add_subparsers(title="steps", required=True, metavar="STEP")
     _add_positioning(steps)

@@ -23,17 +23,12 @@ SIGNS = {"+": 1.0, "-": -1.0, "+1": 1.0, "1": 1.0, "-1": -1.0, "0": 0.0}
 COLDEST, WARMEST = -50.0, 150.0
 """Temperatures of a machine, °C: what its file may state as well."""
 
-_EPILOG = (
-    "The offset is that of the tool as the workpiece sees it, x, y, z in µm and the rotation vector a, b, c in µrad. "
-    "Exit codes: 0 done, 2 wrong input. doc/offset.md says what the figures mean."
-)
 
-
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add(parser: argparse.ArgumentParser) -> None:
     """Describe the command's arguments."""
-    parser = subparsers.add_parser(
-        "offset",
-        epilog=_EPILOG,
+    parser.epilog = (
+        "The offset is that of the tool as the workpiece sees it, x, y, z in µm and the rotation vector a, b, c in "
+        "µrad. Exit codes: 0 done, 2 wrong input. doc/offset.md says what the figures mean."
     )
     parser.add_argument("machine", metavar="MACHINE", help="machine YAML, or the name of one that ships")
     where = parser.add_mutually_exclusive_group(required=True)
@@ -52,7 +47,6 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser.add_argument(
         "--format", default="", metavar="LIST", help=f"of {','.join(FORMATS)}: files beside one another, named as OUT"
     )
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
