@@ -68,9 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
         from rotary_error_monitor.report.offset import offset_contents
 
         source = str(arguments.program) if arguments.program else ""
-        write_all(
-            {outputs[each]: content for each, content in offset_contents(machine, poses, budget, outputs, source)}
-        )
+        write_all(dict(offset_contents(machine, poses, budget, outputs, source)))
         print(f"written to {', '.join(map(str, outputs.values()))}")
     return 0
 

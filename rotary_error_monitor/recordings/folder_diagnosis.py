@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -19,6 +18,7 @@ from rotary_error_monitor.recordings.stage_names import StageNames, label_of
 from rotary_error_monitor.recordings.workers import Lost, run_all
 from rotary_error_monitor.report.folder_diagnosis import DiagnosedBag, FolderVerdict, page
 from rotary_error_monitor.report.page import made_by
+from rotary_error_monitor.report.result_files import json_of
 
 
 @dataclass(frozen=True)
@@ -101,8 +101,7 @@ class FolderDiagnosis:
             first = verdict.bags[0]
             raise InputError(f"{folder}: none of {len(bags)} bags can be diagnosed; {first.bag}: {first.reason}")
         about = self._about()
-        text = json.dumps(verdict.as_mapping(about), indent=1, allow_nan=False)
-        contents = {results[0]: f"{text}\n".encode()}
+        contents = {results[0]: json_of(verdict.as_mapping(about))}
         if self.has_page:
             contents[results[1]] = page(verdict, folder.resolve().name, about).encode()
         make_folder(output)
