@@ -87,10 +87,7 @@ def read_probed_poses(
 
 def _axis_columns(machine: MachineDescription) -> tuple[list[Column], list[Column]]:
     """Columns of a table that holds poses: X_mm of a linear axis, C_deg of a rotary one, and X_direction of either."""
-    axes = [
-        Column(f"{a.letter}_mm", LENGTH) if a.kind == "linear" else Column(f"{a.letter}_deg", ANGLE)
-        for a in machine.axes
-    ]
+    axes = [Column(f"{a.letter}_{a.shown[1]}", LENGTH if a.kind == "linear" else ANGLE) for a in machine.axes]
     return axes, [Column(f"{letter}_direction") for letter in machine.letters]
 
 
@@ -175,7 +172,7 @@ def check_within_travel(where: str, machine: MachineDescription, pose: Array) ->
         low, high = axis.travel
         slack = TRAVEL_SLACK * (high - low)
         if not low - slack <= value <= high + slack:
-            scale, unit = (1e3, "mm") if axis.kind == "linear" else (180 / math.pi, "degrees")
+            scale, unit = axis.shown[0], "mm" if axis.kind == "linear" else "degrees"
             raise InputError(
                 f"{where}: axis {axis.letter} at {value * scale:g} {unit} is beyond its travel, {low * scale:g} to "
                 f"{high * scale:g} {unit}: is it in another unit?"

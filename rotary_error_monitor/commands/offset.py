@@ -104,7 +104,7 @@ def _poses(arguments: argparse.Namespace, machine: MachineDescription) -> Poses:
         if twice := [name for name in named if named.count(name) > 1]:
             raise InputError(f"axis {twice[0]} is given twice: {' '.join(words)}; give it once")
     for name, text in map(split_word, arguments.at):
-        scale = 1e3 if machine.axis(name).kind == "linear" else 180 / math.pi
+        scale, _ = machine.axis(name).shown
         position[name] = number_of(text, f"--at {name}={text}") / scale
         if not math.isfinite(position[name]):
             raise InputError(f"--at {name}={text}: expected a finite number of mm or degrees")

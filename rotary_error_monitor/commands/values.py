@@ -121,7 +121,7 @@ def limits_of(words: list[str], machine: MachineDescription) -> dict[str, tuple[
     limits = {}
     for name, value in map(split_word, words):
         # Division keeps -1400 mm at -1.4 m; a product with 1e-3 would leave the travel by its last bit.
-        scale = 1e3 if machine.axis(name).kind == "linear" else 180 / math.pi
+        scale, _ = machine.axis(name).shown
         low, comma, high = value.partition(",")
         if not comma:
             raise InputError(f"{name}={value}: expected two numbers, such as {name}=-100,100")

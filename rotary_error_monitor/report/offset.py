@@ -177,8 +177,7 @@ def offset_contents(
 def _pose_columns(machine: MachineDescription, poses: Poses) -> dict[str, Array]:
     """Columns of a table of poses, in its units."""
     columns = {
-        f"{axis.letter}_mm" if axis.kind == "linear" else f"{axis.letter}_deg": values
-        * (1e3 if axis.kind == "linear" else 180 / math.pi)
+        f"{axis.letter}_{axis.shown[1]}": values * axis.shown[0]
         for axis, values in zip(machine.axes, poses.positions.T, strict=True)
     }
     columns |= {
