@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.machine import Displacement, MachineDescription, load_machine, machine_mapping
 from rotary_error_monitor.files import write_whole
+from rotary_error_monitor.plant.machine import over_travel
 from rotary_error_monitor.plant.noise import Noise
 from rotary_error_monitor.reproduction.units import ARCSEC, DEGREE, MM, UM
 
@@ -238,8 +239,7 @@ class PanMachine:
         return self.described.axis(letter).kind == "rotary"
 
     def _u(self, letter: str, positions: Array) -> Array:
-        low, high = self.described.axis(letter).travel
-        return (2 * positions - low - high) / (high - low)
+        return over_travel(self.described.axis(letter), positions)
 
     def _draw(self, name: str) -> np.random.Generator:
         return Noise(self.seed, name).generator()
