@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from contextlib import closing
 from dataclasses import dataclass, replace
 
-from rotary_error_monitor.bags.naming import ROOT
-from rotary_error_monitor.bags.search import cells_of, find_bags
+from rotary_error_monitor.bags.naming import Naming
+from rotary_error_monitor.bags.search import find_bags
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.files import check_outputs, check_places, exists, make_folder, write_all
 from rotary_error_monitor.gap.loading import load_twin
 from rotary_error_monitor.gap.sentences import verdict_sentence
-from rotary_error_monitor.recordings.bag_figures import reason_of
+from rotary_error_monitor.recordings.bag_figures import rows_of_cells
 from rotary_error_monitor.recordings.diagnosis import FileDiagnosis
 from rotary_error_monitor.recordings.stage_names import StageNames, label_of
 from rotary_error_monitor.recordings.workers import Lost, run_all
@@ -35,26 +35,14 @@ Progress = Callable[[Iterable[Answer], int], Iterable[Answer]]
 
 def diagnose_bag(task: DiagnosisTask) -> tuple[DiagnosedBag, ...]:
     """Diagnose every cell of a bag that is meant; what goes wrong with one is a reason."""
-    return tuple(_diagnosed(task))
-
-
-def _diagnosed(task: DiagnosisTask) -> Iterator[DiagnosedBag]:
     label = label_of(task.how.recording)
+
+    def read(known: DiagnosedBag, naming: Naming) -> DiagnosedBag:
+        *_, diagnosis = replace(task.how, naming=naming).diagnose(lambda step: None)
+        return replace(known, told=verdict_sentence(diagnosis), content=diagnosis.as_mapping())
+
     known = DiagnosedBag(task.name, label.stage, "", label.started_ns)
-    naming = task.how.naming
-    try:
-        cells = cells_of(task.how.recording, naming) or [ROOT]
-    except Exception as error:
-        yield replace(known, reason=reason_of(error))
-        return
-    for cell in cells:
-        own = replace(naming, cell=cell) if len(cells) > 1 else naming
-        try:
-            *_, diagnosis = replace(task.how, naming=own).diagnose(lambda step: None)
-        except Exception as error:
-            yield replace(known, cell=cell, reason=reason_of(error))
-            continue
-        yield replace(known, cell=cell, told=verdict_sentence(diagnosis), content=diagnosis.as_mapping())
+    return tuple(rows_of_cells(task.how.recording, task.how.naming, known, read))
 
 
 @dataclass(frozen=True)
