@@ -23,7 +23,7 @@ from rotary_error_monitor.description.column_layout import ColumnLayout
 from rotary_error_monitor.description.csv_tables import Column, Table, read_table
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.description.topics import pose_topics
-from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.errors import InputError, told_of
 from rotary_error_monitor.machine.kinematics import arrange_machine, axis_columns, stand
 from rotary_error_monitor.metrology.positioning import PositioningRuns
 
@@ -206,11 +206,9 @@ def read_positioning_poses(path: Path | str, machine: MachineDescription, letter
         runs[sign] = np.full((len(targets), max(len(row) for row in rows)), np.nan)
         for values, row in zip(runs[sign], rows, strict=True):
             values[: len(row)] = row
-    try:
+    with told_of(path):
         backward = runs[-1] if runs[-1].size else None
         return PositioningRuns(targets * SAME_POSITION, runs[1], backward, axis.kind == "rotary")
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
 
 
 def _own_deviations(path: Path | str, machine: MachineDescription, number: int, poses: ProbedPoses) -> Array:

@@ -13,7 +13,7 @@ from rotary_error_monitor.bags.naming import THE_ONLY_CELL, Naming
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.description.stage import StageDescription, load_stage
 from rotary_error_monitor.description.wire import wire_of
-from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.errors import InputError, told_of
 from rotary_error_monitor.files import check_outputs, check_places, write_all
 from rotary_error_monitor.pipeline.estimation import EstimatorSettings
 from rotary_error_monitor.pipeline.reference_readings import (
@@ -173,10 +173,8 @@ def _stands(reference: Reference, stage: StageDescription, replay: Replay) -> tu
 
 
 def _at(stands: Mapping[str, Sequence[Stand]], height: float, bag: str) -> list[tuple[str, Stand]]:
-    try:
+    with told_of(f"{bag}: --height is {height * 1e3:g} (mm)"):
         return stands_at(stands, height)
-    except InputError as error:
-        raise InputError(f"{bag}: --height is {height * 1e3:g} (mm): {error}") from error
 
 
 def _during(reference: Reference, stand: Stand) -> Reference:
