@@ -36,5 +36,4 @@ def run(arguments: argparse.Namespace) -> int:
         print(changes_sentence(changes))
     tell(f"{segment.name}: {remark}" for segment in analysis.segments for remark in segment.remarks)
     tell(analysis.remarks)
-    code: int = analysis.outcome.exit_code
-    return code
+    return analysis.outcome.exit_code

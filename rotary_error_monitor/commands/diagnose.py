@@ -125,8 +125,7 @@ def _diagnose_folder(arguments: argparse.Namespace) -> int:
     for row in found.bags:
         if row.reason:
             print(f"note: {one_line(row.bag)}: {row.reason}", file=sys.stderr)
-    code: int = found.worst.exit_code
-    return code
+    return found.worst.exit_code
 
 
 @contextmanager

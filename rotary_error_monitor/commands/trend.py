@@ -61,5 +61,4 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"note: {one_line(each.bag)}: {each.reason}", file=sys.stderr)
     for bag in trend.gone:
         print(f"note: {one_line(bag)}: no longer there, and left out", file=sys.stderr)
-    code: int = trend.outcome.exit_code
-    return code
+    return trend.outcome.exit_code
