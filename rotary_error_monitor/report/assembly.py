@@ -15,6 +15,7 @@ from matplotlib.lines import Line2D
 
 from rotary_error_monitor.calibration.assembly import AssemblyResult
 from rotary_error_monitor.calibration.head_comparison import AssemblyComparison, HeadPair, Signal
+from rotary_error_monitor.report.drawing import go_round
 from rotary_error_monitor.report.palette import BLUE, GREY, VERMILION, colour
 from rotary_error_monitor.report.plot import Plot, save
 from rotary_error_monitor.units import ARCSEC
@@ -63,10 +64,8 @@ def _draw_over_turn(
     ax.legend([*handles, *ways], [*names, "forward", "backward"], fontsize=7, ncols=3, loc="upper right")
     low, high = ax.get_ylim()
     ax.set_ylim(low, high + 0.3 * (high - low))  # room for the legend
-    ax.set_xlim(0, 360)
-    ax.set_xticks(range(0, 361, 60))
+    go_round(ax)
     ax.set(xlabel="rotation, °", ylabel="arcsec")
-    ax.grid(alpha=0.3)
     pairs = [signal for signal in signals if isinstance(signal, HeadPair)]
     if pairs:
         # of heads in even steps all chords of a group are alike
