@@ -56,10 +56,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # a command's libraries take seconds to load: only those of the command that is meant
     meant = next((word for word in arguments if word in COMMANDS), None)
     for name, what in COMMANDS.items():
+        own = subparsers.add_parser(name, help=what)
         if name == meant:
-            import_module(f"rotary_error_monitor.commands.{name.replace('-', '_')}").add(subparsers)
-        else:
-            subparsers.add_parser(name, help=what)
+            module = import_module(f"rotary_error_monitor.commands.{name.replace('-', '_')}")
+            own.set_defaults(run=getattr(module, "run", None))  # the steps of some have one each
+            module.add(own)
     chosen = parser.parse_args(arguments)
     try:
         with unwinding():

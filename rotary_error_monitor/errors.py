@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 _NUMBERS = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?")
 
@@ -13,6 +15,15 @@ class InputError(ValueError):
 
 class MissingPackageError(InputError, ImportError):
     """An optional package is not installed; the message says how it is."""
+
+
+@contextmanager
+def told_of(where: object) -> Iterator[None]:
+    """Name what wrong input is about, such as a file, before what is told of it within."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from error
 
 
 def one_line(text: str) -> str:

@@ -139,17 +139,7 @@ def as_mapping(analysis: Analysis, about: Mapping[str, str]) -> dict[str, Any]:
         "verdict": analysis.outcome.value,
         "coverage_factor": COVERAGE,
         "limits": [
-            {
-                "name": row.name,
-                "limit": row.limit,
-                "unit": row.unit,
-                "outcome": row.outcome.value,
-                "value": None if row.value is None else row.value.value,
-                "expanded_uncertainty": None if row.value is None else row.value.expanded,
-                "segment": row.where[0],
-                "signal": row.where[1],
-            }
-            for row in analysis.judged
+            row.as_mapping() | dict(zip(("segment", "signal"), row.where, strict=True)) for row in analysis.judged
         ],
         "segments": [_segment_mapping(segment) for segment in analysis.segments],
         "figures": [asdict(figure) for figure in figures_of(analysis)],

@@ -46,8 +46,7 @@ class FolderTrend:
     @property
     def outcome(self) -> Outcome:
         """The worst of the stages, each by its latest recording."""
-        found = {stage.outcome for stage in self.stages}
-        return next((o for o in (Outcome.BEYOND, Outcome.OPEN, Outcome.WITHIN) if o in found), Outcome.NO_LIMITS)
+        return Outcome.worst(stage.outcome for stage in self.stages)
 
 
 def date_of(stamp_ns: int) -> str:
@@ -91,15 +90,9 @@ def _stage(stage: StageHistory) -> dict[str, Any]:
 
 
 def _limit(stage: StageHistory, standing: Standing) -> dict[str, Any]:
-    now = standing.now
     reaching = standing.reaching
     return {
-        "name": now.name,
-        "limit": now.limit,
-        "unit": now.unit,
-        "outcome": now.outcome.value,
-        "value": None if now.value is None else now.value.value,
-        "expanded_uncertainty": None if now.value is None else now.value.expanded,
+        **standing.now.as_mapping(),
         "first_beyond": None if standing.first_beyond is None else stage.recordings[standing.first_beyond].bag,
         "margin": None if standing.margin is None else standing.margin[0],
         "margin_uncertainty": None if standing.margin is None else standing.margin[1],

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from rotary_error_monitor.analysis.motion import SegmentFigures
 from rotary_error_monitor.description.error_motion_limits import ErrorMotionLimits
@@ -24,6 +24,12 @@ class Outcome(Enum):
     def exit_code(self) -> int:
         """Of the command: 0 fine or not asked, 10 beyond, 11 neither is proven."""
         return {Outcome.BEYOND: 10, Outcome.OPEN: 11}.get(self, 0)
+
+    @classmethod
+    def worst(cls, of: Iterable[Outcome]) -> Outcome:
+        """The worst of some: beyond, open, within; without any, no limits."""
+        found = set(of)
+        return next((each for each in (cls.BEYOND, cls.OPEN, cls.WITHIN) if each in found), cls.NO_LIMITS)
 
 
 @dataclass(frozen=True)
@@ -47,6 +53,17 @@ class Judged:
     where: tuple[str, str]
     unit: str
 
+    def as_mapping(self) -> dict[str, Any]:
+        """What JSON files hold of it, apart from where its value is."""
+        return {
+            "name": self.name,
+            "limit": self.limit,
+            "unit": self.unit,
+            "outcome": self.outcome.value,
+            "value": None if self.value is None else self.value.value,
+            "expanded_uncertainty": None if self.value is None else self.value.expanded,
+        }
+
 
 class Told(NamedTuple):
     """An error motion value: which it is of what, and the segment and signal that it is of."""
@@ -66,9 +83,7 @@ def judge(segments: Sequence[SegmentFigures], limits: ErrorMotionLimits) -> tupl
 def judge_values(values: Sequence[Told], limits: ErrorMotionLimits) -> tuple[Outcome, tuple[Judged, ...]]:
     """The same of values, wherever they come from."""
     rows = tuple(_judged(name, limit, values) for name, limit in limits.stated.items())
-    found = {row.outcome for row in rows}
-    worst = next((o for o in (Outcome.BEYOND, Outcome.OPEN, Outcome.WITHIN) if o in found), Outcome.NO_LIMITS)
-    return worst, rows
+    return Outcome.worst(row.outcome for row in rows), rows
 
 
 def _judged(name: str, limit: float, told: Sequence[Told]) -> Judged:

@@ -16,7 +16,7 @@ from rotary_error_monitor.bags.window import Window
 from rotary_error_monitor.codec.cdr_blocks import BlockDecoder
 from rotary_error_monitor.codec.contents import SAMPLE_BLOCK, TYPES, Content, complete_ns
 from rotary_error_monitor.codec.messages import Decoder, check_type, stamp_of
-from rotary_error_monitor.errors import InputError, excerpt, one_line
+from rotary_error_monitor.errors import InputError, excerpt, one_line, told_of
 from rotary_error_monitor.files import exists
 from rotary_error_monitor.signals.blocks import SampleBlock
 
@@ -212,10 +212,8 @@ class BagReader:
 
     def _decoder(self, name: str, *, finite: bool = True) -> Decoder:
         topic = self.topics[name]
-        try:
+        with told_of(f"{self.path}: {one_line(name)}"):
             return Decoder(topic.type, topic.definition, finite=finite)
-        except InputError as error:
-            raise InputError(f"{self.path}: {one_line(name)}: {error}") from error
 
     def _chosen(self, names: Collection[str] | None) -> list[str]:
         if names is None:
@@ -237,10 +235,8 @@ class BagReader:
             raise InputError(
                 f"{self.path}: {one_line(name)} is encoded as '{excerpt(topic.encoding)}'; readable is {ENCODING}"
             )
-        try:
+        with told_of(f"{self.path}: {one_line(name)}"):
             check_type(topic.type)
-        except InputError as error:
-            raise InputError(f"{self.path}: {one_line(name)}: {error}") from error
 
     def _order(self, names: Sequence[str]) -> Order:
         """When the messages of these topics are; the answer to the last question is kept."""

@@ -23,7 +23,7 @@ from rotary_error_monitor.description.provenance import Calibrated
 from rotary_error_monitor.description.stage import StageDescription, load_stage
 from rotary_error_monitor.description.table_files import FLATNESS, GRADUATION
 from rotary_error_monitor.description.wire import Wire, wire_of
-from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.errors import InputError, told_of
 from rotary_error_monitor.files import write_all
 from rotary_error_monitor.metrology.mirror_assembly import (
     DELAY_STD,
@@ -101,10 +101,8 @@ def read_shaft_recording(path: Path | str, stage: StageDescription, remarks: lis
     if remarks is not None:
         remarks += [remark for remark in (*reader.remarks, window and window.remark) if remark]
     streams = {name: _joined(_corrected(blocks[name], wire, name, stage)) for name in names}
-    try:
+    with told_of(path):
         return record_shaft(stage, {letter: streams[topics[letter]] for letter in heads}, streams.get(collimator))
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
 
 
 def calibrate_assembly(
@@ -165,10 +163,8 @@ def _measured(
     """What the recording says of ring and mirror; arguments and errors as `calibrate_assembly`."""
     remarks: list[str] = []
     recording = read_shaft_recording(source, stage, remarks)
-    try:
+    with told_of(source):
         ring = estimate_ring_assembly(stage, recording, every=as_table)
-    except InputError as error:
-        raise InputError(f"{source}: {error}") from error
     where = "in the recording" if stage.autocollimator is not None else "by the stage file"
     mirror, remark = None, f"no autocollimator {where}"
     if recording.tilt is not None:

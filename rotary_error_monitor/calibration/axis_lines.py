@@ -33,7 +33,7 @@ from rotary_error_monitor.calibration.steps import Job
 from rotary_error_monitor.calibration.tracker_features import Feature, check_circle, check_line, read_tracker
 from rotary_error_monitor.description.machine import SHIFT_UNCERTAINTY, MachineDescription
 from rotary_error_monitor.description.quantities import LARGEST_TILT
-from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.errors import InputError, told_of
 from rotary_error_monitor.machine.location_names import SPINDLE
 from rotary_error_monitor.metrology.axis_fits import (
     LineFit,
@@ -244,11 +244,9 @@ def _axis_lines(source: Path, machine: MachineDescription, tracks: Mapping[str, 
     """Line of each measured axis, in the tracker's frame, running as the axis does."""
     lines = {}
     for letter, found in tracks.items():
-        try:
+        with told_of(f"{source}: feature {letter}"):
             if letter != SPINDLE and machine.axis(letter).kind == "linear":
                 lines[letter] = fit_line_in_space(*found[0])
             else:
                 lines[letter] = fit_axis_average_line([p for p, _ in found], [c for _, c in found])
-        except InputError as error:
-            raise InputError(f"{source}: feature {letter}: {error}") from error
     return lines

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.calibration.steps import Job
 from rotary_error_monitor.description.machine import Body, Displacement, MachineDescription, Vector
-from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.errors import InputError, told_of
 from rotary_error_monitor.machine.location_names import SPINDLE
 from rotary_error_monitor.machine.topology import branches, way
 from rotary_error_monitor.metrology.axis_fits import LineFit, estimate_location_errors, estimate_squareness
@@ -232,10 +232,8 @@ def _placed(
         old = np.array(body.location_error.shift)
         rotation, place = frame_of(machine, body.name)
         local = replace(line, point=origin.place + line.point - origin.seen - place)
-        try:
+        with told_of(f"{source}: feature {name}"):
             errors = estimate_location_errors(turned(local, rotation.inv().as_matrix()), np.zeros(3), direction)
-        except InputError as error:
-            raise InputError(f"{source}: feature {name}: {error}") from error
         # along the axis nothing is seen of its place: that stays
         shift, is_seen = errors.shift + (old @ direction) * direction, np.abs(direction) < ALONG
         if name == reference or (name == SPINDLE and (reference == ZERO or not carries(machine, reference, name))):

@@ -21,7 +21,7 @@ from rotary_error_monitor.description.column_layout import ColumnLayout
 from rotary_error_monitor.description.provenance import Calibrated
 from rotary_error_monitor.description.response import Response
 from rotary_error_monitor.description.stage import StageDescription, load_stage
-from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.errors import InputError, told_of
 from rotary_error_monitor.metrology.repeated_runs import FALSE_ALARM
 from rotary_error_monitor.metrology.two_axis_calibration import (
     COVERAGE,
@@ -137,10 +137,8 @@ def _result(
         InputError: they do not tell.
     """
     described = stage.tilt_instrument.range
-    try:
+    with told_of(source):
         calibration = calibrate_two_axes(steps, _instrument(stage), reference)
-    except InputError as error:
-        raise InputError(f"{source}: {error}") from error
     before = stage.response(PART)
     response = _as_before(calibration.response, before, keep)
     misfits, doubts = _doubts(calibration, stage, response, keep, drop_outliers, quadrants is not None)

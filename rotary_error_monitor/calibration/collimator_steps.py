@@ -63,9 +63,11 @@ def read_steps(path: Path, quadrants: Quadrants, layout: ColumnLayout | None = N
     if len(names) > MOST_STEPS:
         raise InputError(f"{path}: {len(names)} steps; expected {MOST_STEPS} at most: let the reference stand a while")
     times = table.numbers.get("time_s")
-    if times is not None and np.any(np.diff(times) < 0):
-        row = int(np.argmax(np.diff(times) < 0)) + 1
-        raise table.error(row, f"time {times[row]:g} s after {times[row - 1]:g} s; expected rows in order of time")
+    if times is not None:
+        table.refuse(
+            np.diff(times, prepend=-np.inf) < 0,
+            lambda row: f"time {times[row]:g} s after {times[row - 1]:g} s; expected rows in order of time",
+        )
     first = np.concatenate([[0], np.flatnonzero(np.diff(step)) + 1])
     voltages = VOLTAGES[0] in table.numbers
     readings = _from_voltages(table, quadrants) if voltages else _pair(table, "tilt")

@@ -229,10 +229,9 @@ def volumetric_table(machine: MachineDescription, counts: Mapping[str, int]) -> 
     if not result.converged.all():
         pose = ", ".join(f"{q:g}" for q in positions[int(np.argmin(result.converged))])
         raise InputError(f"no correction at {', '.join(machine.letters)} = {pose}; narrow the grid")
-    linear = np.array([axis.kind == "linear" for axis in machine.axes])
-    where = np.where(linear, 1e3, 180 / math.pi)
-    what = np.where(linear, 1e6, ARCSEC)
-    header = [f"{a.letter}_{'mm' if a.kind == 'linear' else 'deg'}" for a in machine.axes]
+    where = np.array([axis.shown[0] for axis in machine.axes])
+    what = np.array([1e6 if axis.kind == "linear" else ARCSEC for axis in machine.axes])
+    header = [f"{axis.letter}_{axis.shown[1]}" for axis in machine.axes]
     header += [f"d{a.letter}_{'um' if a.kind == 'linear' else 'arcsec'}" for a in machine.axes]
     rows = np.concatenate([positions * where, result.corrections * what], axis=1) + 0.0
     return "\n".join([",".join(header), *(",".join(f"{value:.6f}" for value in row) for row in rows)]) + "\n"

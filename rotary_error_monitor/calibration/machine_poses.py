@@ -23,7 +23,7 @@ from rotary_error_monitor.description.column_layout import ColumnLayout
 from rotary_error_monitor.description.csv_tables import Column, Table, read_table
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.description.topics import pose_topics
-from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.errors import InputError, told_of
 from rotary_error_monitor.machine.kinematics import arrange_machine, axis_columns, stand
 from rotary_error_monitor.metrology.positioning import PositioningRuns
 
@@ -87,10 +87,7 @@ def read_probed_poses(
 
 def _axis_columns(machine: MachineDescription) -> tuple[list[Column], list[Column]]:
     """Columns of a table that holds poses: X_mm of a linear axis, C_deg of a rotary one, and X_direction of either."""
-    axes = [
-        Column(f"{a.letter}_mm", LENGTH) if a.kind == "linear" else Column(f"{a.letter}_deg", ANGLE)
-        for a in machine.axes
-    ]
+    axes = [Column(f"{a.letter}_{a.shown[1]}", LENGTH if a.kind == "linear" else ANGLE) for a in machine.axes]
     return axes, [Column(f"{letter}_direction") for letter in machine.letters]
 
 
@@ -175,7 +172,7 @@ def check_within_travel(where: str, machine: MachineDescription, pose: Array) ->
         low, high = axis.travel
         slack = TRAVEL_SLACK * (high - low)
         if not low - slack <= value <= high + slack:
-            scale, unit = (1e3, "mm") if axis.kind == "linear" else (180 / math.pi, "degrees")
+            scale, unit = axis.shown[0], "mm" if axis.kind == "linear" else "degrees"
             raise InputError(
                 f"{where}: axis {axis.letter} at {value * scale:g} {unit} is beyond its travel, {low * scale:g} to "
                 f"{high * scale:g} {unit}: is it in another unit?"
@@ -209,11 +206,9 @@ def read_positioning_poses(path: Path | str, machine: MachineDescription, letter
         runs[sign] = np.full((len(targets), max(len(row) for row in rows)), np.nan)
         for values, row in zip(runs[sign], rows, strict=True):
             values[: len(row)] = row
-    try:
+    with told_of(path):
         backward = runs[-1] if runs[-1].size else None
         return PositioningRuns(targets * SAME_POSITION, runs[1], backward, axis.kind == "rotary")
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
 
 
 def _own_deviations(path: Path | str, machine: MachineDescription, number: int, poses: ProbedPoses) -> Array:

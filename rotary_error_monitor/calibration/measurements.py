@@ -89,11 +89,14 @@ def read_positioning(path: Path | str, *, rotary: bool, layout: ColumnLayout | N
 
 
 def _check_size(table: Table, deviations: Array, column: Column) -> None:
-    wrong = np.abs(deviations) > column.largest
-    if np.any(wrong):
-        row = int(np.argmax(wrong))
-        size = f"{deviations[row] / column.scale:g} {column.name.rpartition('_')[2]}"
-        raise table.error(row, f"the reading is {size} off its target: are both in the unit of the header?")
+    unit = column.name.rpartition("_")[2]
+    table.refuse(
+        np.abs(deviations) > column.largest,
+        lambda row: (
+            f"the reading is {deviations[row] / column.scale:g} {unit} off its target: are both in the unit of "
+            "the header?"
+        ),
+    )
 
 
 def _check_runs(table: Table, targets: Array, column: Column) -> None:
@@ -172,14 +175,13 @@ def read_straightness(
 def _check_positions(table: Table, axis: Axis) -> None:
     positions, (low, high) = table.numbers["position_mm"], axis.travel
     slack = TRAVEL_SLACK * (high - low)
-    beyond = (positions < low - slack) | (positions > high + slack)
-    if np.any(beyond):
-        row = int(np.argmax(beyond))
-        raise table.error(
-            row,
+    table.refuse(
+        (positions < low - slack) | (positions > high + slack),
+        lambda row: (
             f"position {positions[row] * 1e3:g} mm leaves the travel of {axis.letter}, {low * 1e3:g} to "
-            f"{high * 1e3:g} mm: another axis, or another unit?",
-        )
+            f"{high * 1e3:g} mm: another axis, or another unit?"
+        ),
+    )
 
 
 def _check_sides(table: Table, rows: list[int], sides: Array, segment: str, turned: bool) -> None:
@@ -198,11 +200,10 @@ def read_mirror_profile(path: Path | str) -> Array:
     """
     table = read_table(path, [[Column("distance_mm", LENGTH), Column("height_um", LINEAR_ERROR)]])
     distance = table.numbers["distance_mm"]
-    if np.any(np.diff(distance) <= 0):
-        row = int(np.argmax(np.diff(distance) <= 0)) + 1
-        raise table.error(
-            row, f"distance {distance[row] * 1e3:g} mm after {distance[row - 1] * 1e3:g} mm; they must rise"
-        )
+    table.refuse(
+        np.diff(distance, prepend=-np.inf) <= 0,
+        lambda row: f"distance {distance[row] * 1e3:g} mm after {distance[row - 1] * 1e3:g} mm; they must rise",
+    )
     return np.stack([distance, table.numbers["height_um"]], axis=1)
 
 

@@ -152,7 +152,7 @@ def machine_text(result: MachineResult, output: Path) -> str:
         lines += [f"    {combination}" for combination in found.unseen[:MOST_ROWS]]
         lines.append(f"  the same poses with a tool 100 mm longer as well would show {verdict.rank_with_longer_tool}")
     lines.append(f"  poses that would add most ({', '.join(axis.letter for axis in found.machine.axes)}; mm, degrees):")
-    scales = [1e3 if axis.kind == "linear" else 180 / math.pi for axis in found.machine.axes]
+    scales = [axis.shown[0] for axis in found.machine.axes]
     for pose in verdict.further_poses:
         lines.append("    " + "  ".join(f"{value * scale:9.2f}" for value, scale in zip(pose, scales, strict=True)))
     known = found.standard_uncertainty

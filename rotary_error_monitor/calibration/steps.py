@@ -22,7 +22,7 @@ from rotary_error_monitor.calibration.yaml_document import hash_source
 from rotary_error_monitor.description.column_layout import ColumnLayout
 from rotary_error_monitor.description.machine import DIRECTIONS, VOLUMETRIC, Axis, MachineDescription
 from rotary_error_monitor.description.provenance import Calibrated
-from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.errors import InputError, told_of
 from rotary_error_monitor.machine.components import arrange_components
 from rotary_error_monitor.metrology.positioning import (
     Outlier,
@@ -266,10 +266,8 @@ def calibrate_machine(
     poses = read_probed_poses(job.source, machine, noise, job.layout)
     parameters = list_parameters(machine, orders)
     identification = identify_machine(machine, parameters, poses)
-    try:
+    with told_of(job.source):
         held_out = check_held_out(machine, parameters, poses)
-    except InputError as error:
-        raise InputError(f"{job.source}: {error}") from error
     verdict = judge_calibration(identification, held_out, poses, required=required, limits=limits)
     parts = job.file.set_machine(identification.machine)
     figures = {"held_out_ratio": held_out.ratio, VOLUMETRIC: verdict.uncertainty, f"{VOLUMETRIC}_bound": verdict.bound}

@@ -14,7 +14,7 @@ from rotary_error_monitor.calibration.straightness_doubts import Doubts, find_do
 from rotary_error_monitor.calibration.straightness_runs import Measured, Placed, Reading, measure_straightness
 from rotary_error_monitor.description.column_layout import ColumnLayout
 from rotary_error_monitor.description.machine import Axis, MachineDescription
-from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.errors import InputError, told_of
 from rotary_error_monitor.metrology.guideway_compensation import RotatedCurve, rotate_monotone
 from rotary_error_monitor.metrology.profile_comparison import ProfileComparison, compare_profiles
 from rotary_error_monitor.metrology.reference_mirror import Mirror
@@ -154,10 +154,8 @@ def _table(spliced: SplicedProfile, deviations: Array) -> tuple[Array, Array]:
 def _compare(axis: Axis, measured: Measured, doubts: Doubts, direct: Direct) -> ProfileComparison:
     other = measure_straightness(direct.source, axis, direct.mirror, direct.reading, layout=direct.layout)
     further = find_doubts(other.parts, other.spliced, other.spliced.straightness(), direct.reading.noise).between
-    try:
+    with told_of(direct.source):
         return compare_profiles(measured.spliced, other.spliced, (doubts.between, further))
-    except InputError as error:
-        raise InputError(f"{direct.source}: {error}") from error
 
 
 def _difference(comparison: ProfileComparison) -> str:

@@ -90,8 +90,7 @@ def _readings(table: Table) -> tuple[Array, Array, Array]:
         distance, elevation, azimuth = (table.numbers[column.name] for column in SPHERICAL)
         readings = distance, elevation, azimuth
         what = "a distance that is not above 0; drop that reading"
-    if np.any(readings[0] <= 0):
-        raise table.error(int(np.argmax(readings[0] <= 0)), what)
+    table.refuse(readings[0] <= 0, lambda row: what)
     return readings
 
 

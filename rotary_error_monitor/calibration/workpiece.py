@@ -104,14 +104,13 @@ def read_workpiece(path: Path, prediction: FlatnessPrediction, layout: ColumnLay
 
 
 def _check_places(table: Table, name: str, at: Array, low: float, high: float) -> None:
-    beyond = (at < low - EDGE) | (at > high + EDGE)
-    if np.any(beyond):
-        row = int(np.argmax(beyond))
-        raise table.error(
-            row,
-            f"{name} {at[row] * 1e3:g} mm is beyond the workpiece, {low * 1e3:g} to {high * 1e3:g} mm: in another "
-            "unit, or from another zero?",
-        )
+    table.refuse(
+        (at < low - EDGE) | (at > high + EDGE),
+        lambda row: (
+            f"{name} {at[row] * 1e3:g} mm is beyond the workpiece, {low * 1e3:g} to {high * 1e3:g} mm: in "
+            "another unit, or from another zero?"
+        ),
+    )
     if np.ptp(at) < LEAST_COVERED * (high - low):
         raise InputError(
             f"{table.path}: the points span {np.ptp(at) * 1e3:g} mm of the workpiece's {(high - low) * 1e3:g} mm along "

@@ -8,19 +8,17 @@ from pathlib import Path
 from rotary_error_monitor.commands.questions import add_question, question_of
 from rotary_error_monitor.commands.values import files_of, tell
 
-_EPILOG = (
-    "exit codes: 0 within all limits, or none were given; 10 beyond a limit; 11 neither can be told, for a value is as "
-    "near to its limit as its uncertainty, or not told; 2 wrong input. doc/analysis.md says what the figures mean."
-)
 
-
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add(parser: argparse.ArgumentParser) -> None:
     """Describe the command's arguments."""
-    parser = subparsers.add_parser("analyse", epilog=_EPILOG)
+    parser.epilog = (
+        "exit codes: 0 within all limits, or none were given; 10 beyond a limit; 11 neither can be told, for a value "
+        "is as near to its limit as its uncertainty, or not told; 2 wrong input. doc/analysis.md says what the figures "
+        "mean."
+    )
     parser.add_argument("bag", type=Path, metavar="BAG")
     add_question(parser)
     parser.add_argument("--against", type=Path, metavar="OTHER_BAG", help="say what changed since another recording")
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -38,5 +36,4 @@ def run(arguments: argparse.Namespace) -> int:
         print(changes_sentence(changes))
     tell(f"{segment.name}: {remark}" for segment in analysis.segments for remark in segment.remarks)
     tell(analysis.remarks)
-    code: int = analysis.outcome.exit_code
-    return code
+    return analysis.outcome.exit_code

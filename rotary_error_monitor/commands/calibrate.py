@@ -35,7 +35,6 @@ from rotary_error_monitor.commands.calibration_arguments import (
     add_figure,
     job_of,
     step,
-    writing,
 )
 from rotary_error_monitor.commands.values import (
     HELD,
@@ -55,12 +54,11 @@ MOST_POSES = 10_000_000
 """Poses of an uncertainty at most: they take minutes, and some GB of memory."""
 
 
-def add(subparsers: Subparsers[argparse.ArgumentParser]) -> None:
+def add(parser: argparse.ArgumentParser) -> None:
     """Describe the command's arguments."""
-    parser = subparsers.add_parser(
-        "calibrate",
-        description="Exit codes: 0 written, 10 what was measured does not fit or is not good, nothing is written "
-        "(--force writes it all the same), 2 bad input.",
+    parser.description = (
+        "Exit codes: 0 written, 10 what was measured does not fit or is not good, nothing is written "
+        "(--force writes it all the same), 2 bad input."
     )
     steps = parser.add_subparsers(title="steps", required=True, metavar="STEP")
     _add_positioning(steps)
@@ -155,8 +153,7 @@ def _positioning(arguments: argparse.Namespace) -> int:
     if arguments.figure:
         from rotary_error_monitor.report.calibration import draw_positioning
 
-        with writing(arguments.figure):
-            draw_positioning(arguments.figure, result)
+        draw_positioning(arguments.figure, result)
     return 0 if result.written else NOT_GOOD
 
 
@@ -184,8 +181,7 @@ def _squareness(arguments: argparse.Namespace) -> int:
     if arguments.figure:
         from rotary_error_monitor.report.axes_figure import draw_axes
 
-        with writing(arguments.figure):
-            draw_axes(arguments.figure, result)
+        draw_axes(arguments.figure, result)
     return 0 if result.written else NOT_GOOD
 
 
@@ -247,6 +243,5 @@ def _errors(arguments: argparse.Namespace) -> int:
 
         axes = tuple(arguments.map or machine.letters[:2])
         chart = estimate_volumetric_map(machine, (axes[0], axes[1]))
-        with writing(arguments.figure):
-            draw_errors(arguments.figure, costs, chart)
+        draw_errors(arguments.figure, costs, chart)
     return 0

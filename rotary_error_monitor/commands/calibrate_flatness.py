@@ -21,9 +21,8 @@ from rotary_error_monitor.calibration.grinding import (
     trajectory_csv,
 )
 from rotary_error_monitor.calibration.workpiece import measured_text, read_workpiece
-from rotary_error_monitor.commands.calibration_arguments import Subparsers, add_columns, add_figure, writing
+from rotary_error_monitor.commands.calibration_arguments import Subparsers, add_columns, add_figure, layout_of
 from rotary_error_monitor.commands.values import limits_of, not_negative, positive, split_word
-from rotary_error_monitor.description.column_layout import ColumnLayout
 from rotary_error_monitor.description.machine import MachineDescription, load_machine, machine_path
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.files import check_outputs, check_places, write_whole
@@ -89,7 +88,7 @@ def _flatness(arguments: argparse.Namespace) -> int:
     reversal = tuple(size * 1e-6 for size in sorted(set(arguments.reversal_um)))
     errors = VerticalErrors(reversal, arguments.positioning_um * 1e-6, arguments.positioning_period_um * 1e-6)
     prediction = predict_flatness(machine, arguments.vertical, limits, errors)
-    layout = ColumnLayout.of(arguments.columns) if arguments.columns else None
+    layout = layout_of(arguments)
     surfaces = {name: read_workpiece(path, prediction, layout) for name, path in measured.items() if path is not None}
     told = [flatness_text(prediction), *_intervals(machine, prediction, stated)]
     trajectory = trajectory_csv(prediction, arguments.step_mm * 1e-3) if arguments.trajectory else ""
@@ -100,8 +99,7 @@ def _flatness(arguments: argparse.Namespace) -> int:
     if arguments.figure:
         from rotary_error_monitor.report.flatness import draw_flatness
 
-        with writing(arguments.figure):
-            draw_flatness(arguments.figure, prediction, surfaces)
+        draw_flatness(arguments.figure, prediction, surfaces)
     return 0
 
 

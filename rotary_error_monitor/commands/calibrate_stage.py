@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-from datetime import date
 from pathlib import Path
 
 from rotary_error_monitor.calibration.assembly import calibrate_assembly
@@ -13,19 +12,17 @@ from rotary_error_monitor.calibration.assembly_report import assembly_text
 from rotary_error_monitor.calibration.collimator import KEPT, calibrate_autocollimator
 from rotary_error_monitor.calibration.collimator_report import collimator_text
 from rotary_error_monitor.calibration.collimator_steps import Quadrants
-from rotary_error_monitor.calibration.yaml_document import changing
 from rotary_error_monitor.commands.calibration_arguments import (
     NOT_GOOD,
     Subparsers,
+    add_changed,
     add_columns,
     add_figure,
-    add_force,
+    changed_file,
+    layout_of,
     today,
-    writing,
 )
 from rotary_error_monitor.commands.values import finite, not_negative, positive
-from rotary_error_monitor.description.column_layout import ColumnLayout
-from rotary_error_monitor.files import check_outputs, check_places
 from rotary_error_monitor.metrology.mirror_assembly import DELAY_STD
 from rotary_error_monitor.metrology.two_axis_fit import Reference
 from rotary_error_monitor.units import ARCSEC
@@ -37,17 +34,10 @@ def add(steps: Subparsers[argparse.ArgumentParser]) -> None:
     _add_autocollimator(steps)
 
 
-def _add_stage(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--stage", type=Path, required=True, metavar="STAGE.yaml", help="the file to calibrate")
-    parser.add_argument("-o", "--output", type=Path, help="write here instead of changing STAGE.yaml")
-    parser.add_argument("--date", type=date.fromisoformat, help="day of the calibration (default: today)")
-    add_force(parser)
-
-
 def _add_assembly(steps: Subparsers[argparse.ArgumentParser]) -> None:
     parser = steps.add_parser("assembly", help="ring and mirror of a stage, from a bag of its shaft between centres")
     parser.add_argument("source", type=Path, metavar="BAG")
-    _add_stage(parser)
+    add_changed(parser, "stage")
     parser.add_argument(
         "--delay-ms",
         type=finite,
@@ -89,7 +79,7 @@ def _add_autocollimator(steps: Subparsers[argparse.ArgumentParser]) -> None:
     text = "steps of a reference before it: reference_x_arcsec,reference_y_arcsec,tilt_x_arcsec,… or q1_V,…,q4_V"
     parser = steps.add_parser("autocollimator", help=text)
     parser.add_argument("source", type=Path, metavar="STEPS.csv", help="units are those of the columns' names")
-    _add_stage(parser)
+    add_changed(parser, "stage")
     parser.add_argument(
         "--reference-arcsec",
         type=positive,
@@ -134,11 +124,7 @@ def _add_autocollimator(steps: Subparsers[argparse.ArgumentParser]) -> None:
 
 
 def _assembly(arguments: argparse.Namespace) -> int:
-    output = arguments.output or arguments.stage
-    check_outputs([arguments.output], [arguments.source])
-    check_outputs([arguments.figure], [arguments.source, arguments.stage, output])
-    check_places([arguments.figure] if arguments.figure else [])
-    with changing(output):
+    with changed_file(arguments, arguments.stage) as output:
         result = calibrate_assembly(
             arguments.source,
             arguments.stage,
@@ -153,18 +139,13 @@ def _assembly(arguments: argparse.Namespace) -> int:
     if arguments.figure:
         from rotary_error_monitor.report.assembly import draw_assembly
 
-        with writing(arguments.figure):
-            draw_assembly(arguments.figure, result)
+        draw_assembly(arguments.figure, result)
     return 0 if result.written else NOT_GOOD
 
 
 def _autocollimator(arguments: argparse.Namespace) -> int:
-    output = arguments.output or arguments.stage
-    check_outputs([arguments.output], [arguments.source])
-    check_outputs([arguments.figure], [arguments.source, arguments.stage, output])
-    check_places([arguments.figure] if arguments.figure else [])
     roll = math.radians(arguments.reference_roll_arcmin / 60)
-    with changing(output):
+    with changed_file(arguments, arguments.stage) as output:
         result = calibrate_autocollimator(
             arguments.source,
             arguments.stage,
@@ -175,12 +156,11 @@ def _autocollimator(arguments: argparse.Namespace) -> int:
             keep=tuple(arguments.keep),
             drop_outliers=arguments.drop_outliers,
             force=arguments.force,
-            layout=ColumnLayout.of(arguments.columns) if arguments.columns else None,
+            layout=layout_of(arguments),
         )
     print(collimator_text(result, output))
     if arguments.figure:
         from rotary_error_monitor.report.collimator import draw_collimator
 
-        with writing(arguments.figure):
-            draw_collimator(arguments.figure, result)
+        draw_collimator(arguments.figure, result)
     return 0 if result.written else NOT_GOOD

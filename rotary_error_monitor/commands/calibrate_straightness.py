@@ -23,7 +23,6 @@ from rotary_error_monitor.commands.calibration_arguments import (
     add_figure,
     job_of,
     step,
-    writing,
 )
 from rotary_error_monitor.commands.values import flatness_um, not_negative, positive
 from rotary_error_monitor.description.column_layout import ColumnLayout
@@ -112,8 +111,7 @@ def _draw(arguments: argparse.Namespace, result: StraightnessResult) -> None:
 
         for path, draw in ((arguments.figure, draw_straightness), (arguments.runs_figure, draw_runs)):
             if path:
-                with writing(path):
-                    draw(path, result)
+                draw(path, result)
 
 
 def _mirror_of(arguments: argparse.Namespace, length: str, flatness: str, profile: Path | None) -> Mirror | None:

@@ -12,7 +12,6 @@ from rotary_error_monitor.calibration.machine_file import MachineFile
 from rotary_error_monitor.calibration.steps import Job
 from rotary_error_monitor.calibration.yaml_document import changing
 from rotary_error_monitor.description.column_layout import ColumnLayout
-from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.files import check_outputs, check_places
 
 NOT_GOOD = 10
@@ -21,13 +20,15 @@ NOT_GOOD = 10
 PICTURES = (".png", ".svg", ".pdf")
 """Endings of pictures: pixels for a page, or lines for a report."""
 
-MACHINE_HELP = "the file to calibrate; the parameters of a twin become a tree of bodies"
-
 Subparsers = argparse._SubParsersAction  # the type that argparse gives has no public name
 
 
-def add_force(parser: argparse.ArgumentParser) -> None:
-    """Describe `--force`."""
+def add_changed(parser: argparse.ArgumentParser, what: str, help_: str = "") -> None:
+    """Describe the file that is calibrated, a `machine` or `stage`, and what is written instead of it, when and how."""
+    name = f"{what.upper()}.yaml"
+    parser.add_argument(f"--{what}", type=Path, required=True, metavar=name, help=f"the file to calibrate{help_}")
+    parser.add_argument("-o", "--output", type=Path, help=f"write here instead of changing {name}")
+    parser.add_argument("--date", type=date.fromisoformat, help="day of the calibration (default: today)")
     parser.add_argument(
         "--force", action="store_true", help="write what does not fit as well, with an uncertainty that covers it"
     )
@@ -66,21 +67,6 @@ def today() -> date:
     return datetime.now(UTC).date()
 
 
-@contextmanager
-def writing(path: Path) -> Iterator[None]:
-    """Say of a file that cannot be written what would do.
-
-    Raises:
-        InputError: it cannot be written.
-    """
-    try:
-        yield
-    except OSError as error:
-        raise InputError(
-            f"{path}: cannot be written ({error.strerror}); give a file in a folder that exists"
-        ) from error
-
-
 def step(
     steps: Subparsers[argparse.ArgumentParser], name: str, run: Callable[[argparse.Namespace], int], text: str
 ) -> argparse.ArgumentParser:
@@ -89,34 +75,51 @@ def step(
     parser.add_argument(
         "source", type=Path, metavar="MEASUREMENTS", help="CSV file; a bag as well where poses are read"
     )
-    parser.add_argument("--machine", type=Path, required=True, metavar="MACHINE.yaml", help=MACHINE_HELP)
-    parser.add_argument("-o", "--output", type=Path, help="write here instead of changing MACHINE.yaml")
-    parser.add_argument("--date", type=date.fromisoformat, help="day of the calibration (default: today)")
-    add_force(parser)
+    add_changed(parser, "machine", "; the parameters of a twin become a tree of bodies")
     parser.set_defaults(run=run)
     return parser
+
+
+@contextmanager
+def changed_file(
+    arguments: argparse.Namespace, file: Path, read: Sequence[Path | None] = (), written: Sequence[Path | None] = ()
+) -> Iterator[Path]:
+    """Where a step that calibrates `file` writes it; that is the step's own from before it is read.
+
+    `read` and `written` are files beside measurements, calibrated file and figure.
+
+    Raises:
+        InputError: something would be written over what is read or cannot be written.
+    """
+    output: Path = arguments.output or file
+    inputs = [arguments.source, *read]
+    check_outputs([arguments.output], inputs)
+    further = [getattr(arguments, "figure", None), *written]
+    check_outputs(further, [*inputs, file, output])
+    check_places(path for path in further if path is not None)
+    with changing(output):
+        yield output
+
+
+def layout_of(arguments: argparse.Namespace) -> ColumnLayout | None:
+    """The columns that `--columns` names; None where it is not given.
+
+    Raises:
+        InputError: a word is wrong.
+    """
+    columns = getattr(arguments, "columns", [])
+    return ColumnLayout.of(columns) if columns else None
 
 
 @contextmanager
 def job_of(
     arguments: argparse.Namespace, read: Sequence[Path | None] = (), written: Sequence[Path | None] = ()
 ) -> Iterator[Job]:
-    """What a step needs; what it writes is its own from before it is read.
-
-    `read` and `written` are files beside measurements, machine file and figure.
+    """What a step on a machine file needs; arguments as of `changed_file`.
 
     Raises:
-        InputError: something would be written over what is read or cannot be written, or the machine file cannot be
-            used.
+        InputError: as `changed_file`, or the machine file cannot be used.
     """
-    output = arguments.output or arguments.machine
-    inputs = [arguments.source, *read]
-    check_outputs([arguments.output], inputs)
-    further = [getattr(arguments, "figure", None), *written]
-    check_outputs(further, [*inputs, arguments.machine, output])
-    check_places(path for path in further if path is not None)
-    columns = getattr(arguments, "columns", [])
-    layout = ColumnLayout.of(columns) if columns else None
-    with changing(output):
-        file = MachineFile(arguments.machine)
+    with changed_file(arguments, arguments.machine, read, written) as output:
+        layout, file = layout_of(arguments), MachineFile(arguments.machine)
         yield Job(arguments.source, file, output, arguments.date or today(), arguments.force, layout)

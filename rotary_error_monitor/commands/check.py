@@ -12,17 +12,13 @@ from rotary_error_monitor.recordings.stage_check import check_stage, check_text
 CONTRADICTED, UNPROVEN = 10, 12
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add(parser: argparse.ArgumentParser) -> None:
     """Describe the command's arguments."""
-    parser = subparsers.add_parser(
-        "check",
-        epilog="exit codes: 0 it fits; 10 it does not, or an instrument is wrong; 12 no whole turn; 2 wrong input",
-    )
+    parser.epilog = "exit codes: 0 it fits; 10 it does not, or an instrument is wrong; 12 no whole turn; 2 wrong input"
     parser.add_argument("bag", type=Path, metavar="BAG")
     parser.add_argument("--stage", type=Path, help="YAML with a section 'stage' (default: config/stage.yaml)")
     add_naming(parser)
     add_max_gap(parser)
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

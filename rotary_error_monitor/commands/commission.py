@@ -20,15 +20,16 @@ NOT_SETTLED = 10
 """Exit code: done, and the result is not as one would have it, as of `calibrate`, `check` and `recover`."""
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add(parser: argparse.ArgumentParser) -> None:
     """Describe the command's arguments."""
-    parser = subparsers.add_parser(
-        "commission",
-        description="Record a stage with the recorder while it turns at least once each way, slowly, or have a running "
+    parser.description = (
+        "Record a stage with the recorder while it turns at least once each way, slowly, or have a running "
         "cell recorded with --live, which says when that is enough. What was plugged, mounted or set otherwise than "
-        "the data sheets say is named and put right in the stage file.",
-        epilog="exit codes: 0 STAGE.yaml is written and nothing is left wrong; 10 something is wrong that no stage "
-        "file puts right (not written without --force); 2 wrong input",
+        "the data sheets say is named and put right in the stage file."
+    )
+    parser.epilog = (
+        "exit codes: 0 STAGE.yaml is written and nothing is left wrong; 10 something is wrong that no stage "
+        "file puts right (not written without --force); 2 wrong input"
     )
     source = parser.add_mutually_exclusive_group(required=True)
     source.add_argument("bag", type=Path, nargs="?", metavar="BAG")
@@ -40,7 +41,6 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser.add_argument("--page", type=Path, metavar="PAGE.html", help="the same with pictures, whatever the exit code")
     parser.add_argument("--date", type=date.fromisoformat, help="day of the commissioning (default: today)")
     parser.add_argument("--force", action="store_true", help="write the file whatever is left wrong, and what that is")
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -8,17 +8,12 @@ from pathlib import Path
 from rotary_error_monitor.commands.questions import add_heights, add_results, heights_of
 from rotary_error_monitor.commands.values import files_of, naming_of, settings_of, tell
 
-_EPILOG = (
-    "exit codes: 0 the monitor agrees with the reference within its stated uncertainty; 10 it does not; 2 wrong input. "
-    "doc/compare.md says what is compared and how it is judged."
-)
 
-
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add(parser: argparse.ArgumentParser) -> None:
     """Describe the command's arguments."""
-    parser = subparsers.add_parser(
-        "compare",
-        epilog=_EPILOG,
+    parser.epilog = (
+        "exit codes: 0 the monitor agrees with the reference within its stated uncertainty; 10 it does not; 2 wrong "
+        "input. doc/compare.md says what is compared and how it is judged."
     )
     parser.add_argument("bag", type=Path, metavar="BAG")
     parser.add_argument("--twin", type=Path, help="YAML with a section 'stage' (default: config/stage.yaml)")
@@ -32,7 +27,6 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         "or all radial probes where there is none)",
     )
     add_results(parser, required=False)
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

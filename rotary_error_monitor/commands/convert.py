@@ -12,12 +12,11 @@ INCOMPLETE = 10
 """Exit code: written, and messages were refused, or drivers have none in the bag."""
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add(parser: argparse.ArgumentParser) -> None:
     """Describe the command's arguments."""
-    parser = subparsers.add_parser(
-        "convert",
-        epilog="exit codes: 0 done; 10 done, and messages were refused or a driver has none; 2 wrong input. BAG stays "
-        "as it is.",
+    parser.epilog = (
+        "exit codes: 0 done; 10 done, and messages were refused or a driver has none; 2 wrong input. BAG stays "
+        "as it is."
     )
     parser.add_argument(
         "bag", type=Path, metavar="BAG", help="with JointState, Vector3Stamped, WrenchStamped, Temperature"
@@ -38,7 +37,6 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         help="when samples were measured: as the drivers say, or when the bag recorded them (default: header)",
     )
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help="new folder of the bag")
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -21,15 +21,14 @@ if TYPE_CHECKING:  # takes long to load: a painter begins before it
     from rotary_error_monitor.recordings.diagnosis import FileDiagnosis
 
 _STEPS = 4 + MOST_CAUSES
-_EPILOG = (
-    "exit codes: 0 no gap; 10 explained; 11 partly explained; 12 unknown; 2 wrong input. "
-    "OUT/diagnosis.json holds everything that OUT/diagnosis.html shows."
-)
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add(parser: argparse.ArgumentParser) -> None:
     """Describe the command's arguments."""
-    parser = subparsers.add_parser("diagnose", epilog=_EPILOG)
+    parser.epilog = (
+        "exit codes: 0 no gap; 10 explained; 11 partly explained; 12 unknown; 2 wrong input. "
+        "OUT/diagnosis.json holds everything that OUT/diagnosis.html shows."
+    )
     parser.add_argument(
         "bag",
         type=Path,
@@ -64,7 +63,6 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     )
     parser.add_argument("--no-report", action="store_true", help="write diagnosis.json only, no HTML and no picture")
     add_work(parser)
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -127,8 +125,7 @@ def _diagnose_folder(arguments: argparse.Namespace) -> int:
     for row in found.bags:
         if row.reason:
             print(f"note: {one_line(row.bag)}: {row.reason}", file=sys.stderr)
-    code: int = found.worst.exit_code
-    return code
+    return found.worst.exit_code
 
 
 @contextmanager

@@ -8,14 +8,12 @@ from rotary_error_monitor.commands.values import add_effect_files
 from rotary_error_monitor.errors import InputError
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add(parser: argparse.ArgumentParser) -> None:
     """Describe the command's arguments."""
-    parser = subparsers.add_parser("effects")
     parser.add_argument(
         "section", nargs="?", help="only those of one kind of thing, by the section of its twin, such as stage"
     )
     add_effect_files(parser)
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -25,12 +25,9 @@ _FLOORS = {"clean": (False,), "rough": (True,), "both": (False, True)}
 _DIAGRAMS = (".png", ".svg")
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add(parser: argparse.ArgumentParser) -> None:
     """Describe the command's arguments."""
-    parser = subparsers.add_parser(
-        "gap-benchmark",
-        epilog="The plant that makes the cases has exact geometry and shares no formula with the twin.",
-    )
+    parser.epilog = "The plant that makes the cases has exact geometry and shares no formula with the twin."
     parser.add_argument("--seed", type=int, default=1, help="everything is drawn from it (default: 1)")
     parser.add_argument(
         "--cases",
@@ -64,7 +61,6 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         metavar="OUT.json",
         help="in place of a new run, calibration of outcomes that earlier ones wrote; may be given again, all together",
     )
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

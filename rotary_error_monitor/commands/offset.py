@@ -23,17 +23,12 @@ SIGNS = {"+": 1.0, "-": -1.0, "+1": 1.0, "1": 1.0, "-1": -1.0, "0": 0.0}
 COLDEST, WARMEST = -50.0, 150.0
 """Temperatures of a machine, °C: what its file may state as well."""
 
-_EPILOG = (
-    "The offset is that of the tool as the workpiece sees it, x, y, z in µm and the rotation vector a, b, c in µrad. "
-    "Exit codes: 0 done, 2 wrong input. doc/offset.md says what the figures mean."
-)
 
-
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add(parser: argparse.ArgumentParser) -> None:
     """Describe the command's arguments."""
-    parser = subparsers.add_parser(
-        "offset",
-        epilog=_EPILOG,
+    parser.epilog = (
+        "The offset is that of the tool as the workpiece sees it, x, y, z in µm and the rotation vector a, b, c in "
+        "µrad. Exit codes: 0 done, 2 wrong input. doc/offset.md says what the figures mean."
     )
     parser.add_argument("machine", metavar="MACHINE", help="machine YAML, or the name of one that ships")
     where = parser.add_mutually_exclusive_group(required=True)
@@ -52,7 +47,6 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser.add_argument(
         "--format", default="", metavar="LIST", help=f"of {','.join(FORMATS)}: files beside one another, named as OUT"
     )
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -74,9 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
         from rotary_error_monitor.report.offset import offset_contents
 
         source = str(arguments.program) if arguments.program else ""
-        write_all(
-            {outputs[each]: content for each, content in offset_contents(machine, poses, budget, outputs, source)}
-        )
+        write_all(dict(offset_contents(machine, poses, budget, outputs, source)))
         print(f"written to {', '.join(map(str, outputs.values()))}")
     return 0
 
@@ -112,7 +104,7 @@ def _poses(arguments: argparse.Namespace, machine: MachineDescription) -> Poses:
         if twice := [name for name in named if named.count(name) > 1]:
             raise InputError(f"axis {twice[0]} is given twice: {' '.join(words)}; give it once")
     for name, text in map(split_word, arguments.at):
-        scale = 1e3 if machine.axis(name).kind == "linear" else 180 / math.pi
+        scale, _ = machine.axis(name).shown
         position[name] = number_of(text, f"--at {name}={text}") / scale
         if not math.isfinite(position[name]):
             raise InputError(f"--at {name}={text}: expected a finite number of mm or degrees")

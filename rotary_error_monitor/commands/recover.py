@@ -13,19 +13,17 @@ DAMAGED = 10
 """Exit code: done, and the result is not as one would have it. So ends `replay` as well."""
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add(parser: argparse.ArgumentParser) -> None:
     """Describe the command's arguments."""
-    parser = subparsers.add_parser(
-        "recover",
-        epilog="exit codes: 0 the bag can be read by every tool, and lacks at most the end of a recording that was "
+    parser.epilog = (
+        "exit codes: 0 the bag can be read by every tool, and lacks at most the end of a recording that was "
         "not closed; 10 it can be read, but more than that is lost, and the damaged file is kept beside it; 2 no bag, "
         "no whole message in it (it stays as it is), no room for a copy, or a bag that is being recorded. What cannot "
-        "be recovered, such as a file that is missing, is said on standard error.",
+        "be recovered, such as a file that is missing, is said on standard error."
     )
     parser.add_argument(
         "bag", type=Path, metavar="BAG", help="folder of a bag, or an mcap file that is to be recovered alone"
     )
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

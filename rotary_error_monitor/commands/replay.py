@@ -20,16 +20,14 @@ from rotary_error_monitor.resources import config
 NOT_REPEATED = 10
 """Exit code: done, and the result is not as one would have it. So end `check`, `calibrate` and `diagnose` as well."""
 
-_EPILOG = (
-    "exit codes: 0 OUT.npz holds what the bag gives, the numbers published live where it holds these; 10 some "
-    "of these cannot be repeated, for the bag lacks samples that they rest on (array 'unrepeated' of OUT.npz, and "
-    "'lost_stamp_ns': when there is no number at all); 2 wrong input. What the bag lacks is said on standard error."
-)
 
-
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add(parser: argparse.ArgumentParser) -> None:
     """Describe the command's arguments."""
-    parser = subparsers.add_parser("replay", epilog=_EPILOG)
+    parser.epilog = (
+        "exit codes: 0 OUT.npz holds what the bag gives, the numbers published live where it holds these; 10 some "
+        "of these cannot be repeated, for the bag lacks samples that they rest on (array 'unrepeated' of OUT.npz, and "
+        "'lost_stamp_ns': when there is no number at all); 2 wrong input. What the bag lacks is said on standard error."
+    )
     parser.add_argument("bag", type=Path, metavar="BAG")
     parser.add_argument("--twin", type=Path, help="YAML with a section 'stage' (default: config/stage.yaml)")
     parser.add_argument("--machine", help="machine YAML, or the name of one that ships, such as xyzac_trt")
@@ -38,7 +36,6 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser.add_argument("--period-ms", type=float, default=1.0, help="distance of estimates where the bag tells none")
     add_max_gap(parser)
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.npz")
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

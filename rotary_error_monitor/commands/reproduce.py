@@ -19,17 +19,15 @@ PAPERS = {
 }
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add(parser: argparse.ArgumentParser) -> None:
     """Describe the command's arguments."""
-    parser = subparsers.add_parser(
-        "reproduce",
-        epilog="exit codes: 0 each statement of the paper that a simulation can keep holds; 10 one does not; 2 wrong "
-        "input. " + " ".join(f"{name}: {what}." for name, what in PAPERS.items()),
+    parser.epilog = (
+        "exit codes: 0 each statement of the paper that a simulation can keep holds; 10 one does not; 2 wrong "
+        "input. " + " ".join(f"{name}: {what}." for name, what in PAPERS.items())
     )
     parser.add_argument("paper", choices=PAPERS, metavar="PAPER", help=f"one of {', '.join(PAPERS)}")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="new folder for all results")
     parser.add_argument("--seed", type=int, default=1, help="of noise and all that is drawn (default 1)")
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -16,12 +16,9 @@ OUT_OF_BOUNDS = 1
 SHORTEST = 9.0
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add(parser: argparse.ArgumentParser) -> None:
     """Describe the command's arguments."""
-    parser = subparsers.add_parser(
-        "run",
-        description="Exit code 0 where every figure is within its bound, 1 where one is not.",
-    )
+    parser.description = "Exit code 0 where every figure is within its bound, 1 where one is not."
     parser.add_argument("--duration", type=float, default=21.0, help="of the recording, s (default 21)")
     parser.add_argument("--machine", default="xyzac_trt", help="machine YAML, or the name of one that ships")
     parser.add_argument("--stage", type=Path, help="stage YAML, with all sensors (default: config/stage.yaml)")
@@ -36,7 +33,6 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         metavar="PORT",
         help="show the cell meanwhile as a live page on this computer, on a port from 1024 (default %(const)s)",
     )
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -9,18 +9,14 @@ from pathlib import Path
 FAILED = 1
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add(parser: argparse.ArgumentParser) -> None:
     """Describe the command's arguments."""
-    parser = subparsers.add_parser(
-        "run-linuxcnc",
-        description="Exit code 0 where the tool error falls as far as it must, 1 where it does not.",
-    )
+    parser.description = "Exit code 0 where the tool error falls as far as it must, 1 where it does not."
     parser.add_argument("--machine", default="xyzac_trt", help="machine YAML, or the name of one that ships")
     parser.add_argument("--stage", type=Path, help="stage YAML (default: config/stage.yaml)")
     parser.add_argument("--ini", type=Path, help="LinuxCNC configuration (default: config/linuxcnc/xyzac_trt.ini)")
     parser.add_argument("--program", type=Path, help="G-code (default: five_axis.ngc beside the configuration)")
     parser.add_argument("--seed", type=int, default=1, help="of the mock stage under the table")
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -23,9 +23,8 @@ _HIGHEST_DOMAIN = 232
 """Beyond it the ports of DDS do not fit into 65535."""
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add(parser: argparse.ArgumentParser) -> None:
     """Describe the command's arguments."""
-    parser = subparsers.add_parser("security")
     actions = parser.add_subparsers(title="what", required=True, metavar="WHAT")
     policy = actions.add_parser("policy", help="print the policy, in the format of SROS2")
     policy.set_defaults(run=run_policy)

@@ -12,15 +12,13 @@ from rotary_error_monitor.commands.work import add_work, bar_of, check_work
 from rotary_error_monitor.errors import one_line
 from rotary_error_monitor.gap.options import FALSE_ALARMS, check_false_alarms
 
-_EPILOG = (
-    "exit codes: 0 every stage is within all limits by its latest recording, or none were given; 10 one is beyond a "
-    "limit; 11 neither can be told; 2 wrong input. doc/trend.md says how steps and slopes are told."
-)
 
-
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add(parser: argparse.ArgumentParser) -> None:
     """Describe the command's arguments."""
-    parser = subparsers.add_parser("trend", epilog=_EPILOG)
+    parser.epilog = (
+        "exit codes: 0 every stage is within all limits by its latest recording, or none were given; 10 one is beyond "
+        "a limit; 11 neither can be told; 2 wrong input. doc/trend.md says how steps and slopes are told."
+    )
     parser.add_argument("folder", type=Path, metavar="FOLDER", help="with bags below it, at any depth")
     add_question(parser)
     parser.add_argument(
@@ -34,7 +32,6 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         help=f"largest chance that a change is told of a stage that does not change (default: {FALSE_ALARMS})",
     )
     add_work(parser)
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -64,5 +61,4 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"note: {one_line(each.bag)}: {each.reason}", file=sys.stderr)
     for bag in trend.gone:
         print(f"note: {one_line(bag)}: no longer there, and left out", file=sys.stderr)
-    code: int = trend.outcome.exit_code
-    return code
+    return trend.outcome.exit_code

@@ -11,14 +11,13 @@ from rotary_error_monitor.supervision.supervisor import Supervisor
 from rotary_error_monitor.supervision.systemd import unit
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add(parser: argparse.ArgumentParser) -> None:
     """Describe the command's arguments."""
-    parser = subparsers.add_parser(
-        "up",
-        description="Starts a node for each section of the file (/**/encoder_head_a, /left/compensation, …) with the "
+    parser.description = (
+        "Starts a node for each section of the file (/**/encoder_head_a, /left/compensation, …) with the "
         "file as its parameters, starts again what ends, and ends all in order on SIGINT, SIGTERM or SIGHUP. Exit code "
         "2 where a node's input is wrong at its first start or a sensor that the stage lists has no node, 1 where one "
-        "had to be killed at the end.",
+        "had to be killed at the end."
     )
     parser.add_argument("cell", type=Path, help="ROS parameter file, such as a copy of config/real_cell.yaml")
     parser.add_argument("--namespace", default="", help="of all nodes whose section names none, such as /left")
@@ -27,7 +26,6 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         action="store_true",
         help="print a unit of systemd that does this, in place of doing it: for ~/.config/systemd/user/",
     )
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 from rotary_error_monitor.bags.naming import Naming, read_naming
@@ -18,37 +18,31 @@ HELD = "axes not named stand at 0, or at the end of their travel nearest to it"
 """Where the axes of a pose or grid are that the words do not name, for the help: `Axis.home`."""
 
 
-def _number(text: str, expected: str) -> float:
+def _number(text: str, expected: str, fault: str, fits: Callable[[float], bool]) -> float:
     """The number, as an argument's type; argparse would name this function for what is none, and not what is right."""
     try:
-        return float(text)
+        value = float(text)
     except ValueError:
         right = "write a decimal point, not a comma" if "," in text else f"expected {expected}"
         raise argparse.ArgumentTypeError(f"'{text}' is no number; {right}") from None
+    if not (math.isfinite(value) and fits(value)):
+        raise argparse.ArgumentTypeError(f"{text} is {fault}")
+    return value
 
 
 def positive(text: str) -> float:
     """A number above zero, as an argument's type."""
-    value = _number(text, "one above 0")
-    if not (math.isfinite(value) and value > 0):
-        raise argparse.ArgumentTypeError(f"{text} is not above 0")
-    return value
+    return _number(text, "one above 0", "not above 0", lambda value: value > 0)
 
 
 def finite(text: str) -> float:
     """A number, as an argument's type."""
-    value = _number(text, "a finite one")
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"{text} is not finite")
-    return value
+    return _number(text, "a finite one", "not finite", lambda value: True)
 
 
 def not_negative(text: str) -> float:
     """A number that is zero or above, as an argument's type."""
-    value = _number(text, "one that is 0 or above")
-    if not (math.isfinite(value) and value >= 0):
-        raise argparse.ArgumentTypeError(f"{text} is below 0")
-    return value
+    return _number(text, "one that is 0 or above", "below 0", lambda value: value >= 0)
 
 
 def flatness_um(text: str) -> float | None:
@@ -121,7 +115,7 @@ def limits_of(words: list[str], machine: MachineDescription) -> dict[str, tuple[
     limits = {}
     for name, value in map(split_word, words):
         # Division keeps -1400 mm at -1.4 m; a product with 1e-3 would leave the travel by its last bit.
-        scale = 1e3 if machine.axis(name).kind == "linear" else 180 / math.pi
+        scale, _ = machine.axis(name).shown
         low, comma, high = value.partition(",")
         if not comma:
             raise InputError(f"{name}={value}: expected two numbers, such as {name}=-100,100")

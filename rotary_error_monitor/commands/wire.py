@@ -7,10 +7,8 @@ import argparse
 from rotary_error_monitor.description.wire import load_wire, markdown_table
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add(parser: argparse.ArgumentParser) -> None:
     """Describe the command's arguments."""
-    parser = subparsers.add_parser("wire")
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

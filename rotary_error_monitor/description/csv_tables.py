@@ -10,7 +10,7 @@ from __future__ import annotations
 import csv
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -72,6 +72,16 @@ class Table:
         """An error that says where in the file it is."""
         return InputError(f"{self.path}:{self.lines[row]}: {problem}")
 
+    def refuse(self, wrong: NDArray[np.bool_], problem: Callable[[int], str]) -> None:
+        """Hold that no row is wrong (n,); `problem` says what is so with a row.
+
+        Raises:
+            InputError: the first one that is.
+        """
+        if np.any(wrong):
+            row = int(np.argmax(wrong))
+            raise self.error(row, problem(row))
+
 
 def read_table(
     path: Path | str, choices: Sequence[Sequence[Column]], expected: str = "", layout: ColumnLayout | None = None
@@ -84,9 +94,26 @@ def read_table(
         InputError: no such file, an empty one, a header that fits no choice, a row with too few or too many values, or
             a value that is no finite number or too large for its unit.
     """
-    path = Path(path)
-    if layout is not None:
-        return _foreign_table(path, choices, layout)
+    path, unit = Path(path), str if layout is None else layout.unit
+    columns, rows = _own(path, choices, expected) if layout is None else _foreign(path, choices, layout)
+    lines = np.array([number for number, _ in rows], dtype=np.int64)
+    cells = {column.name: [row[column.name] for _, row in rows] for column in columns}
+    return Table(
+        path=path,
+        numbers={
+            c.name: _numbers(path, lines, replace(c, name=unit(c.name)), cells[c.name]) for c in columns if not c.text
+        },
+        words={c.name: tuple(cells[c.name]) for c in columns if c.text},
+        lines=lines,
+    )
+
+
+Rows = list[tuple[int, dict[str, str]]]
+"""Line, and cells by column, of each row of a table."""
+
+
+def _own(path: Path, choices: Sequence[Sequence[Column]], expected: str) -> tuple[Sequence[Column], Rows]:
+    """Columns and rows of a table whose header names one of the choices."""
     separator, rows = _rows(path, choices)
     expected = expected or " or ".join(",".join(column.name for column in columns) for columns in choices)
     if not rows:
@@ -102,20 +129,14 @@ def read_table(
             hint = _hint(len(values) - len(header), separator, values)
             count = f"{len(values)} value{'s' * (len(values) != 1)}"
             raise InputError(f"{path}:{number}: {count} where the header has {len(header)}{hint}")
-    lines = np.array([number for number, _ in rows[1:]], dtype=np.int64)
     named = [(number, dict(zip(header, map(str.strip, values), strict=True))) for number, values in rows[1:]]
     if separator != ",":
         named = with_points(named, str(path), {column.name for column in columns if column.text})
-    cells = {name: [row[name] for _, row in named] for name in header}
-    return Table(
-        path=path,
-        numbers={c.name: _numbers(path, lines, c, cells[c.name]) for c in columns if not c.text},
-        words={c.name: tuple(cells[c.name]) for c in columns if c.text},
-        lines=lines,
-    )
+    return columns, named
 
 
-def _foreign_table(path: Path, choices: Sequence[Sequence[Column]], layout: ColumnLayout) -> Table:
+def _foreign(path: Path, choices: Sequence[Sequence[Column]], layout: ColumnLayout) -> tuple[Sequence[Column], Rows]:
+    """Columns and rows of somebody else's table; columns that the layout has for one of the choices."""
     names = layout.chosen([[column.name for column in columns] for columns in choices])
     columns = next(c for c in choices if [column.name for column in c] == list(names))
     text = read_text(path, "a table of measurements", encoding="utf-8-sig", most_lines=MOST_LINES)
@@ -123,18 +144,7 @@ def _foreign_table(path: Path, choices: Sequence[Sequence[Column]], layout: Colu
     header, rows = layout.read(list(lines_of(text)), str(path), words)
     if not rows:
         raise InputError(f"{path}:{header}: a header and no row below it; expected one row for each reading")
-    lines = np.array([number for number, _ in rows], dtype=np.int64)
-    cells = {column.name: [row[plain_name(column.name)] for _, row in rows] for column in columns}
-    return Table(
-        path=path,
-        numbers={
-            c.name: _numbers(path, lines, replace(c, name=layout.unit(c.name)), cells[c.name])
-            for c in columns
-            if not c.text
-        },
-        words={c.name: tuple(cells[c.name]) for c in columns if c.text},
-        lines=lines,
-    )
+    return columns, [(number, {c.name: row[plain_name(c.name)] for c in columns}) for number, row in rows]
 
 
 def _rows(path: Path, choices: Sequence[Sequence[Column]]) -> tuple[str, list[tuple[int, list[str]]]]:

@@ -131,6 +131,11 @@ class Axis(Section):
     ] = None
 
     @property
+    def shown(self) -> tuple[float, str]:
+        """How tables have its positions: how many mm or degrees are in one m or rad, and `mm` or `deg`."""
+        return (1e3, "mm") if self.kind == "linear" else (180 / math.pi, "deg")
+
+    @property
     def fastest(self) -> float:
         """Speed that it does not exceed, as stated or else as the fastest machines reach, m/s or rad/s."""
         return FASTEST[self.kind] if self.speed is None else self.speed

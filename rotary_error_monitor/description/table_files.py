@@ -77,8 +77,7 @@ def read_curve(path: Path, place: tuple[str, str], where: str = "") -> dict[str,
     if not FEWEST <= count <= MOST + 1:
         raise InputError(f"{path}: {count} rows; expected {FEWEST} to {MOST} angles over a turn")
     doubts = fields.get("uncertainty", np.zeros(0))
-    if (doubts < 0).any():
-        raise table.error(int(np.argmax(doubts < 0)), "a standard uncertainty below 0")
+    table.refuse(doubts < 0, lambda row: "a standard uncertainty below 0")
     read: dict[str, Any] = {"angles": fields["angle"].tolist()}
     read |= {field: fields[name].tolist() for name, field in columns.items()}
     if doubts.size:

@@ -265,7 +265,7 @@ def _size(value: float, is_angle: bool) -> str:
 
 def _travel(axis: Axis) -> str:
     low, high = axis.travel
-    scale, unit = (1e3, "mm") if axis.kind == "linear" else (180 / np.pi, "deg")
+    scale, unit = axis.shown
     return f"{_number(low * scale)} \\ldots {_number(high * scale)}\\ \\mathrm{{{unit}}}"
 
 

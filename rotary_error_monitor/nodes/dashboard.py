@@ -28,7 +28,7 @@ from rotary_error_monitor.dashboard.server import WebServer
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.description.wire import load_services
-from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.errors import told_of
 from rotary_error_monitor.nodes import messages, parameters
 from rotary_error_monitor.nodes.diagnostics import Condition, Level, status_name
 from rotary_error_monitor.nodes.managed import ManagedNode
@@ -86,10 +86,8 @@ class Dashboard(ManagedNode):
         self.gather(_GATHER)
         self.every(self.setting("period"), self._draw)
         address, port = self.setting("address"), self.setting("port")
-        try:
+        with told_of(self.get_fully_qualified_name()):
             self._server = WebServer(self._board, address, port)
-        except InputError as error:
-            raise InputError(f"{self.get_fully_qualified_name()}: {error}") from error
         self.get_logger().info(f"dashboard on http://{address}:{port}")
 
     def release(self) -> None:

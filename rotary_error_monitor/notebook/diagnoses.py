@@ -18,10 +18,11 @@ from rotary_error_monitor.notebook.pictures import Figures
 from rotary_error_monitor.notebook.read_only import sealed
 from rotary_error_monitor.notebook.recording import Recording, Topics, bag_of
 from rotary_error_monitor.notebook.tables import Units, scaled, table_of_rows
-from rotary_error_monitor.recordings.diagnosis import FileDiagnosis, json_of
+from rotary_error_monitor.recordings.diagnosis import FileDiagnosis
 from rotary_error_monitor.report.diagnosis import page, verdict_box
 from rotary_error_monitor.report.page import bullets
 from rotary_error_monitor.report.picture import Picture, picture_of
+from rotary_error_monitor.report.result_files import json_of
 from rotary_error_monitor.twin.rates import MOST_RATE, check_most_rate
 
 if TYPE_CHECKING:
@@ -100,7 +101,7 @@ class Diagnosis:
 
     def _content(self, file: Path) -> bytes:
         if file.suffix == ".json":
-            return json_of(self.result)
+            return json_of(self.result.as_mapping())
         if file.suffix not in (".html", ".png"):
             raise InputError(f"{file}: ends in none of html, json, png; name such a file")
         from rotary_error_monitor.report.diagnosis_figure import draw

@@ -212,10 +212,15 @@ def _travelled(axis: Axis, q: Array) -> Placement:
     return Placement(Rotation.from_rotvec(still), path)
 
 
+def over_travel(axis: Axis, q: Array) -> Array:
+    """Positions of an axis scaled to its travel: -1 at the low end, 1 at the high one."""
+    low, high = axis.travel
+    return (2 * q - low - high) / (high - low)
+
+
 def _component(component: ErrorComponent, axis: Axis, q: Array, direction: Array) -> Array:
     """(n,) one error component at the positions `q` (n,), reached in `direction` (n,)."""
-    low, high = axis.travel
-    u = (2 * q - low - high) / (high - low)
+    u = over_travel(axis, q)
     total = np.polynomial.Polynomial(component.poly or (0.0,))(u)
     for wave in component.harmonic:
         total = total + np.hypot(wave.cos, wave.sin) * np.cos(wave.order * q - np.arctan2(wave.sin, wave.cos))

@@ -29,10 +29,11 @@ from rotary_error_monitor.pipeline.estimation import AUTOCOLLIMATOR, EstimatorSe
 from rotary_error_monitor.recordings.long_estimates import ReplayedEstimates
 from rotary_error_monitor.recordings.progress import Progress, silent
 from rotary_error_monitor.recordings.replay import check_estimated, replay_long
-from rotary_error_monitor.recordings.result_contents import about_of, contents_of, title_of
+from rotary_error_monitor.recordings.result_contents import about_of, figures_table, title_of
 from rotary_error_monitor.recordings.stream_health import RecordedStreams, read_streams
 from rotary_error_monitor.report.analysis import page
 from rotary_error_monitor.report.drawn import Drawn
+from rotary_error_monitor.report.result_files import contents_of
 from rotary_error_monitor.resources import config
 from rotary_error_monitor.signals.rows import Keep
 from rotary_error_monitor.units import TURN
@@ -135,9 +136,9 @@ class FileAnalysis:
         check_places(self.outputs.values())
 
     def _write(self, analysis: Analysis, changes: tuple[Change, ...] | None) -> None:
-        write_all({self.outputs[suffix]: content for suffix, content in self._contents(analysis, changes)})
+        write_all(dict(self._contents(analysis, changes)))
 
-    def _contents(self, analysis: Analysis, changes: tuple[Change, ...] | None) -> Iterator[tuple[str, bytes]]:
+    def _contents(self, analysis: Analysis, changes: tuple[Change, ...] | None) -> Iterator[tuple[Path, bytes]]:
         beside = {"machine": self.machine} if self.machine else {}
         beside |= {"compared with": str(self.against)} if self.against else {}
         about = about_of(self.recording, self.stage_file, **beside)
@@ -152,7 +153,7 @@ class FileAnalysis:
         return contents_of(
             self.outputs,
             lambda: as_mapping(analysis, about) | since,
-            figures_of(analysis),
+            lambda: figures_table(figures_of(analysis)),
             drawn,
             lambda pictures: page(analysis, pictures, title_of(self.recording), about, changes),
         )

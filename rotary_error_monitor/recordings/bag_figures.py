@@ -5,12 +5,13 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
 
 from rotary_error_monitor.analysis.result import Analysis, figures_of
-from rotary_error_monitor.bags.naming import ROOT
+from rotary_error_monitor.bags.naming import ROOT, Naming
 from rotary_error_monitor.bags.search import cells_of, fingerprint_of
 from rotary_error_monitor.description.machine import MachineDescription, machine_mapping
 from rotary_error_monitor.description.stage import StageDescription, stage_mapping
@@ -19,6 +20,11 @@ from rotary_error_monitor.pipeline.estimation import EstimatorSettings
 from rotary_error_monitor.recordings.analysis import Question, analyse_bag
 from rotary_error_monitor.recordings.index import Entry
 from rotary_error_monitor.recordings.stage_names import label_of
+
+if TYPE_CHECKING:  # takes long to load
+    from rotary_error_monitor.report.folder_diagnosis import DiagnosedBag
+
+Row = TypeVar("Row", Entry, "DiagnosedBag")
 
 
 @dataclass(frozen=True)
@@ -70,21 +76,36 @@ def _fingerprint(path: Path) -> str:
     return ""
 
 
-def _entries(task: BagTask) -> Iterator[Entry]:
-    label = label_of(task.path)
-    known = Entry("", label.stage, label.started_ns)
-    naming = task.question.naming
+def rows_of_cells(bag: Path, naming: Naming, known: Row, read: Callable[[Row, Naming], Row]) -> Iterator[Row]:
+    """A row for each cell of a bag that is meant; what goes wrong with one, or with all, is its reason.
+
+    Args:
+        bag: recording.
+        naming: which of its cells are meant.
+        known: what is known of the bag before it is read.
+        read: gives the row of a cell from what is known of it, and its naming.
+    """
     try:
-        cells = cells_of(task.path, naming) or [ROOT]
+        cells = cells_of(bag, naming) or [ROOT]
     except Exception as error:
         yield replace(known, reason=reason_of(error))
         return
     for cell in cells:
-        own = replace(task.question, naming=replace(naming, cell=cell if len(cells) > 1 else naming.cell))
+        row = replace(known, cell=cell)
         try:
-            yield _entry(replace(known, cell=cell), analyse_bag(task.path, task.stage, task.machine, own))
+            yield read(row, replace(naming, cell=cell) if len(cells) > 1 else naming)
         except Exception as error:
-            yield replace(known, cell=cell, reason=reason_of(error))
+            yield replace(row, reason=reason_of(error))
+
+
+def _entries(task: BagTask) -> Iterator[Entry]:
+    label = label_of(task.path)
+
+    def read(known: Entry, naming: Naming) -> Entry:
+        question = replace(task.question, naming=naming)
+        return _entry(known, analyse_bag(task.path, task.stage, task.machine, question))
+
+    return rows_of_cells(task.path, task.question.naming, Entry("", label.stage, label.started_ns), read)
 
 
 def _entry(known: Entry, analysis: Analysis) -> Entry:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,6 +20,7 @@ from rotary_error_monitor.gap.problem import DiagnosableProblem
 from rotary_error_monitor.report.diagnosis import report_files
 from rotary_error_monitor.report.page import made_by
 from rotary_error_monitor.report.painter import Painter
+from rotary_error_monitor.report.result_files import json_of
 from rotary_error_monitor.twin.rates import MOST_RATE
 
 
@@ -95,7 +95,7 @@ class FileDiagnosis:
         self, twin: AnyTwinFile, problem: DiagnosableProblem, diagnosis: Diagnosis, painter: Painter | None
     ) -> dict[Path, bytes]:
         """What is written where."""
-        found = {self.output / "diagnosis.json": json_of(diagnosis)}
+        found = {self.output / "diagnosis.json": json_of(diagnosis.as_mapping())}
         if painter is not None:
             files = report_files(problem, diagnosis, self.title, painter, self.about())
             found |= {self.output / name: each for name, each in files.items()}
@@ -118,11 +118,6 @@ class FileDiagnosis:
             "false alarms": f"{self.false_alarms:.2%} of recordings without a gap, at most",
             "made by": made_by(),
         }
-
-
-def json_of(diagnosis: Diagnosis) -> bytes:
-    """Content of `diagnosis.json`."""
-    return f"{json.dumps(diagnosis.as_mapping(), indent=1, allow_nan=False)}\n".encode()
 
 
 def _improved(twin: AnyTwinFile, causes: Sequence[FoundCause]) -> str:

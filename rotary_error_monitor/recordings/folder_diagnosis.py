@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from contextlib import closing
 from dataclasses import dataclass, replace
 
-from rotary_error_monitor.bags.naming import ROOT
-from rotary_error_monitor.bags.search import cells_of, find_bags
+from rotary_error_monitor.bags.naming import Naming
+from rotary_error_monitor.bags.search import find_bags
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.files import check_outputs, check_places, exists, make_folder, write_all
 from rotary_error_monitor.gap.loading import load_twin
 from rotary_error_monitor.gap.sentences import verdict_sentence
-from rotary_error_monitor.recordings.bag_figures import reason_of
+from rotary_error_monitor.recordings.bag_figures import rows_of_cells
 from rotary_error_monitor.recordings.diagnosis import FileDiagnosis
 from rotary_error_monitor.recordings.stage_names import StageNames, label_of
 from rotary_error_monitor.recordings.workers import Lost, run_all
 from rotary_error_monitor.report.folder_diagnosis import DiagnosedBag, FolderVerdict, page
 from rotary_error_monitor.report.page import made_by
+from rotary_error_monitor.report.result_files import json_of
 
 
 @dataclass(frozen=True)
@@ -35,26 +35,14 @@ Progress = Callable[[Iterable[Answer], int], Iterable[Answer]]
 
 def diagnose_bag(task: DiagnosisTask) -> tuple[DiagnosedBag, ...]:
     """Diagnose every cell of a bag that is meant; what goes wrong with one is a reason."""
-    return tuple(_diagnosed(task))
-
-
-def _diagnosed(task: DiagnosisTask) -> Iterator[DiagnosedBag]:
     label = label_of(task.how.recording)
+
+    def read(known: DiagnosedBag, naming: Naming) -> DiagnosedBag:
+        *_, diagnosis = replace(task.how, naming=naming).diagnose(lambda step: None)
+        return replace(known, told=verdict_sentence(diagnosis), content=diagnosis.as_mapping())
+
     known = DiagnosedBag(task.name, label.stage, "", label.started_ns)
-    naming = task.how.naming
-    try:
-        cells = cells_of(task.how.recording, naming) or [ROOT]
-    except Exception as error:
-        yield replace(known, reason=reason_of(error))
-        return
-    for cell in cells:
-        own = replace(naming, cell=cell) if len(cells) > 1 else naming
-        try:
-            *_, diagnosis = replace(task.how, naming=own).diagnose(lambda step: None)
-        except Exception as error:
-            yield replace(known, cell=cell, reason=reason_of(error))
-            continue
-        yield replace(known, cell=cell, told=verdict_sentence(diagnosis), content=diagnosis.as_mapping())
+    return tuple(rows_of_cells(task.how.recording, task.how.naming, known, read))
 
 
 @dataclass(frozen=True)
@@ -101,8 +89,7 @@ class FolderDiagnosis:
             first = verdict.bags[0]
             raise InputError(f"{folder}: none of {len(bags)} bags can be diagnosed; {first.bag}: {first.reason}")
         about = self._about()
-        text = json.dumps(verdict.as_mapping(about), indent=1, allow_nan=False)
-        contents = {results[0]: f"{text}\n".encode()}
+        contents = {results[0]: json_of(verdict.as_mapping(about))}
         if self.has_page:
             contents[results[1]] = page(verdict, folder.resolve().name, about).encode()
         make_folder(output)

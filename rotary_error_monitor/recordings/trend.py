@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, fields, replace
@@ -25,7 +22,9 @@ from rotary_error_monitor.recordings.bag_figures import BagResult, BagTask, ques
 from rotary_error_monitor.recordings.index import NAME, Entry, Index
 from rotary_error_monitor.recordings.stage_names import StageNames
 from rotary_error_monitor.recordings.workers import Lost, run_all
+from rotary_error_monitor.report.drawn import Drawn
 from rotary_error_monitor.report.page import made_by
+from rotary_error_monitor.report.result_files import contents_of, csv_of
 from rotary_error_monitor.report.trend import page
 from rotary_error_monitor.resources import config
 
@@ -82,7 +81,7 @@ class FileTrend:
         if not found.stages:
             (first, *_), count = (*found.unread, *found.undone), len(bags)
             raise InputError(f"{self.folder}: none of {count} bags can be analysed; {first.bag}: {first.reason}")
-        write_all({self.outputs[suffix]: content for suffix, content in self._contents(found)})
+        write_all(dict(self._contents(found)))
         return found
 
     @property
@@ -133,21 +132,22 @@ class FileTrend:
             "topics": {name: given.topic for name, given in naming.topics.items()},
         }
 
-    def _contents(self, trend: FolderTrend) -> Iterator[tuple[str, bytes]]:
+    def _contents(self, trend: FolderTrend) -> Iterator[tuple[Path, bytes]]:
         about = self._about(trend)
-        if "json" in self.outputs:
-            yield "json", f"{json.dumps(as_mapping(trend, about), indent=1, allow_nan=False)}\n".encode()
-        if "csv" in self.outputs:
-            yield "csv", _table(trend).encode()
-        if {"html", "png"} & set(self.outputs):
+
+        def drawn() -> tuple[dict[str, list[Drawn]], Callable[[Mapping[str, Sequence[Drawn]]], bytes]]:
             # what draws takes long to load
             from rotary_error_monitor.report.trend_figure import draw, joined
 
-            pictures = draw(trend)
-            if "html" in self.outputs:
-                yield "html", page(trend, pictures, self.folder.resolve().name, about).encode()
-            if "png" in self.outputs:
-                yield "png", joined(pictures)
+            return draw(trend), joined
+
+        return contents_of(
+            self.outputs,
+            lambda: as_mapping(trend, about),
+            lambda: _table(trend),
+            drawn,
+            lambda pictures: page(trend, pictures, self.folder.resolve().name, about),
+        )
 
     def _about(self, trend: FolderTrend) -> dict[str, str]:
         starts = [row.started_ns for stage in trend.stages for row in stage.recordings]
@@ -179,14 +179,14 @@ def _recorded(names: StageNames, bag: str, entry: Entry) -> Recorded:
     return Recorded(bag, stage, entry.cell, entry.started_ns, entry.figures, dict(entry.speeds), entry.remarks)
 
 
-def _table(trend: FolderTrend) -> str:
+def _table(trend: FolderTrend) -> bytes:
     """Every figure of every recording as CSV, a row each."""
-    own = ["stage", "cell", "bag", "started"]
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow([*own, *(each.name for each in fields(Figure))])
-    for stage in trend.stages:
-        for row in stage.recordings:
-            about: Sequence[str] = [stage.stage, stage.cell, row.bag, date_of(row.started_ns)]
-            writer.writerows([*about, *vars(figure).values()] for figure in row.figures)
-    return buffer.getvalue()
+    return csv_of(
+        ["stage", "cell", "bag", "started", *(each.name for each in fields(Figure))],
+        (
+            [stage.stage, stage.cell, row.bag, date_of(row.started_ns), *vars(figure).values()]
+            for stage in trend.stages
+            for row in stage.recordings
+            for figure in row.figures
+        ),
+    )

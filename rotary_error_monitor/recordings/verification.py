@@ -13,7 +13,7 @@ from rotary_error_monitor.bags.naming import THE_ONLY_CELL, Naming
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.description.stage import StageDescription, load_stage
 from rotary_error_monitor.description.wire import wire_of
-from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.errors import InputError, told_of
 from rotary_error_monitor.files import check_outputs, check_places, write_all
 from rotary_error_monitor.pipeline.estimation import EstimatorSettings
 from rotary_error_monitor.pipeline.reference_readings import (
@@ -28,9 +28,10 @@ from rotary_error_monitor.pipeline.reference_readings import (
 from rotary_error_monitor.recordings.long_estimates import estimates_of
 from rotary_error_monitor.recordings.replay import check_estimated, replay_bag
 from rotary_error_monitor.recordings.replayed import Replay
-from rotary_error_monitor.recordings.result_contents import about_of, contents_of, title_of
+from rotary_error_monitor.recordings.result_contents import about_of, figures_table, title_of
 from rotary_error_monitor.recordings.stream_health import read_streams
 from rotary_error_monitor.report.drawn import Drawn
+from rotary_error_monitor.report.result_files import contents_of
 from rotary_error_monitor.report.verification import page
 from rotary_error_monitor.resources import config
 from rotary_error_monitor.signals.rows import RowsInMemory
@@ -68,14 +69,14 @@ class FileVerification:
         check_places(self.outputs.values())
         stage = load_stage(self.stage_file)
         found = verify_bag(self.recording, stage, self.heights, self.references, self.naming, self.settings)
-        write_all({self.outputs[suffix]: content for suffix, content in self._contents(found)})
+        write_all(dict(self._contents(found)))
         return found
 
     @property
     def _stage_file(self) -> Path:
         return self.stage_file or config("stage.yaml")
 
-    def _contents(self, found: Verification) -> Iterator[tuple[str, bytes]]:
+    def _contents(self, found: Verification) -> Iterator[tuple[Path, bytes]]:
         about = about_of(self.recording, self.stage_file)
 
         def drawn() -> tuple[list[list[Drawn]], Callable[[Sequence[Sequence[Drawn]]], bytes]]:
@@ -87,7 +88,7 @@ class FileVerification:
         return contents_of(
             self.outputs,
             lambda: as_mapping(found, about),
-            figures_of(found),
+            lambda: figures_table(figures_of(found)),
             drawn,
             lambda pictures: page(found, pictures, title_of(self.recording), about),
         )
@@ -172,10 +173,8 @@ def _stands(reference: Reference, stage: StageDescription, replay: Replay) -> tu
 
 
 def _at(stands: Mapping[str, Sequence[Stand]], height: float, bag: str) -> list[tuple[str, Stand]]:
-    try:
+    with told_of(f"{bag}: --height is {height * 1e3:g} (mm)"):
         return stands_at(stands, height)
-    except InputError as error:
-        raise InputError(f"{bag}: --height is {height * 1e3:g} (mm): {error}") from error
 
 
 def _during(reference: Reference, stand: Stand) -> Reference:

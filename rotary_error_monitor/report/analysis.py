@@ -10,8 +10,7 @@ from rotary_error_monitor.analysis.changes import Change
 from rotary_error_monitor.analysis.motion import SegmentFigures, SignalFigures
 from rotary_error_monitor.analysis.result import Analysis, Figure, figures_of
 from rotary_error_monitor.analysis.verdict import Judged, Outcome
-from rotary_error_monitor.effects.effect import Estimate
-from rotary_error_monitor.gap.quantities import number, quantity, rounded, shared_power
+from rotary_error_monitor.gap.quantities import number, rounded, shared_power
 from rotary_error_monitor.metrology.circles import CENTRES
 from rotary_error_monitor.metrology.spindle_figures import Value
 from rotary_error_monitor.report.drawn import Drawn
@@ -27,7 +26,7 @@ from rotary_error_monitor.report.page import (
     verdict,
     whole_page,
 )
-from rotary_error_monitor.report.wording import amount, spoken
+from rotary_error_monitor.report.wording import amount, spoken, with_unit
 
 _RPM = 30 / math.pi
 """Turns a minute in a rad/s."""
@@ -94,7 +93,7 @@ def _all_of(count: int) -> str:
 
 
 def _against(row: Judged) -> str:
-    limit = quantity(Estimate(row.limit, 0.0), row.unit)
+    limit = with_unit(row.limit, row.unit)
     name = row.name.replace("_", " ")
     if row.value is None:
         return f"{name} is not told by this recording (limit {limit})"
@@ -159,7 +158,7 @@ def _limits(analysis: Analysis) -> str:
     rows = [
         [
             row.name.replace("_", " "),
-            quantity(Estimate(row.limit, 0.0), row.unit),
+            with_unit(row.limit, row.unit),
             "not told" if row.value is None else amount(row.value, row.unit),
             OUTCOMES[row.outcome],
             spoken(row.where[1]) or "–",
@@ -185,8 +184,8 @@ def _changes(changes: Sequence[Change]) -> str:
         [
             spoken(change.name),
             change.segment or "–",
-            *(quantity(Estimate(value, 0.0), change.unit) for value in (change.before, change.after)),
-            quantity(Estimate(change.after - change.before, change.expanded_uncertainty), change.unit),
+            *(with_unit(value, change.unit) for value in (change.before, change.after)),
+            with_unit(change.after - change.before, change.unit, change.expanded_uncertainty),
         ]
         for change in shown
     ]
@@ -240,7 +239,7 @@ def _of_whole(figure: Figure) -> str:
     """Value with uncertainty and unit; a part of one in percent."""
     if figure.unit == "1":
         return f"{figure.value:.1%}"
-    return quantity(Estimate(figure.value, figure.expanded_uncertainty or 0.0), figure.unit)
+    return with_unit(figure.value, figure.unit, figure.expanded_uncertainty or 0.0)
 
 
 def _streams(analysis: Analysis) -> str:

@@ -8,19 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-import matplotlib
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 
 from rotary_error_monitor.calibration.assembly import AssemblyResult
 from rotary_error_monitor.calibration.head_comparison import AssemblyComparison, HeadPair, Signal
+from rotary_error_monitor.report.drawing import go_round
 from rotary_error_monitor.report.palette import BLUE, GREY, VERMILION, colour
+from rotary_error_monitor.report.plot import Plot, save
 from rotary_error_monitor.units import ARCSEC
-
-matplotlib.use("Agg")
-from matplotlib import pyplot as plt
-from matplotlib.lines import Line2D
 
 MOST_ORDERS = 40
 """Orders that are drawn at most: with more their lines run together; the last that stands out is always drawn."""
@@ -39,7 +37,7 @@ def draw_assembly(path: Path, result: AssemblyResult) -> None:
         ("mirror", list(comparison.mirror), comparison.tilt_highest),
     ]
     shown = [group for group in groups if group[1]]
-    figure = plt.figure(figsize=(16, 3.6 * len(shown) + 0.5), layout="constrained")
+    figure = Plot(figsize=(16, 3.6 * len(shown) + 0.5), layout="constrained")
     grid = figure.add_gridspec(len(shown), 3, width_ratios=(1.15, 1.15, 1))
     for row, (title, signals, highest) in enumerate(shown):
         for column, after in enumerate((False, True)):
@@ -47,12 +45,11 @@ def draw_assembly(path: Path, result: AssemblyResult) -> None:
             _draw_over_turn(ax, comparison, signals, after)
             ax.set_title(f"{title}, {'after' if after else 'before'} calibration", fontsize=10)
         _draw_orders(figure.add_subplot(grid[row, 2]), signals, highest)
-    figure.savefig(path, dpi=100)
-    plt.close(figure)
+    save(figure, path, dpi=100)
 
 
 def _draw_over_turn(
-    ax: Any,  # noqa: ANN401 (matplotlib has no types)
+    ax: Axes,
     comparison: AssemblyComparison,
     signals: Sequence[Signal],
     after: bool,
@@ -67,21 +64,18 @@ def _draw_over_turn(
     ax.legend([*handles, *ways], [*names, "forward", "backward"], fontsize=7, ncols=3, loc="upper right")
     low, high = ax.get_ylim()
     ax.set_ylim(low, high + 0.3 * (high - low))  # room for the legend
-    ax.set_xlim(0, 360)
-    ax.set_xticks(range(0, 361, 60))
-    ax.set_xlabel("rotation, °")
-    ax.set_ylabel("arcsec")
-    ax.grid(alpha=0.3)
+    go_round(ax)
+    ax.set(xlabel="rotation, °", ylabel="arcsec")
     pairs = [signal for signal in signals if isinstance(signal, HeadPair)]
     if pairs:
         # of heads in even steps all chords of a group are alike
         scale = comparison.displacement(pairs[0], 1 / ARCSEC) * 1e6
-        beside = ax.secondary_yaxis("right", functions=(lambda y: y * scale, lambda y: y / scale))
+        beside = ax.secondary_yaxis("right", functions=(lambda y: np.multiply(y, scale), lambda y: np.divide(y, scale)))
         alike = np.ptp([pair.chord for pair in pairs]) < 0.01
         beside.set_ylabel("µm at the ring" + ("" if alike else f" of {pairs[0].name}"))
 
 
-def _draw_orders(ax: Any, signals: Sequence[Signal], highest: int) -> None:  # noqa: ANN401
+def _draw_orders(ax: Axes, signals: Sequence[Signal], highest: int) -> None:
     """Amplitudes of orders, the largest of all signals: hollow before, filled after."""
     spectra = [signal.spectrum(highest) for signal in signals]
     before, after = (np.max([each[k] for each in spectra], axis=0) * ARCSEC for k in range(2))
@@ -92,8 +86,7 @@ def _draw_orders(ax: Any, signals: Sequence[Signal], highest: int) -> None:  # n
     ax.plot(orders, after[:last], "o", color=VERMILION, ms=3, label="after")
     ax.vlines(orders, np.minimum(before, after)[:last], np.maximum(before, after)[:last], color=GREY, lw=0.6)
     ax.set_yscale("log")
-    ax.set_xlabel("order, waves a turn")
-    ax.set_ylabel("amplitude, arcsec (largest of these)")
+    ax.set(xlabel="order, waves a turn", ylabel="amplitude, arcsec (largest of these)")
     ax.set_title("orders", fontsize=10)
     ax.grid(alpha=0.3)
     ax.legend(fontsize=8)

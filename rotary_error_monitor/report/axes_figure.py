@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-import matplotlib
+from matplotlib.axes import Axes
 
 from rotary_error_monitor.calibration.axis_lines import SquarenessResult
 from rotary_error_monitor.calibration.axis_table import LINEAR_LENGTH, AxisRelation
 from rotary_error_monitor.report.palette import BLACK, BLUE, GREEN, GREY
+from rotary_error_monitor.report.plot import Plot, save
 from rotary_error_monitor.units import ARCSEC
-
-matplotlib.use("Agg")
-from matplotlib import pyplot as plt
 
 ROW = 0.32
 """Height of a row, inches."""
@@ -29,15 +26,15 @@ def draw_axes(path: Path, result: SquarenessResult) -> None:
     apart = [row for row in result.relations if row.length is None]
     count = 1 + bool(apart)
     height = FRAME + ROW * max(len(angles), len(apart), 3)
-    figure, axes = plt.subplots(1, count, figsize=(7.0 * count, height), layout="constrained", squeeze=False)
+    figure = Plot(figsize=(7.0 * count, height), layout="constrained")
+    axes = figure.subplots(1, count, squeeze=False)
     _draw(axes[0, 0], angles, ARCSEC, "arcsec", "Angles")
     if apart:
         _draw(axes[0, 1], apart, 1e6, "µm", "Distances")
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
+    save(figure, path)
 
 
-def _draw(ax: Any, rows: Sequence[AxisRelation], scale: float, unit: str, title: str) -> None:  # noqa: ANN401
+def _draw(ax: Axes, rows: Sequence[AxisRelation], scale: float, unit: str, title: str) -> None:
     """A row each, the first above; between linear axes in another colour than those of rotary axes and spindle."""
     for place, row in enumerate(rows):
         found = row.relation

@@ -5,18 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
-
-import matplotlib
 
 from rotary_error_monitor.calibration.steps import PositioningResult
 from rotary_error_monitor.calibration.volume import ErrorCost, VolumetricMap
 from rotary_error_monitor.metrology.positioning import COVERAGE
 from rotary_error_monitor.report.palette import BLUE, VERMILION
+from rotary_error_monitor.report.plot import Plot, save
 from rotary_error_monitor.units import ARCSEC
-
-matplotlib.use("Agg")
-from matplotlib import pyplot as plt
 
 MOST_BARS = 20
 
@@ -25,7 +20,8 @@ def draw_positioning(path: Path, result: PositioningResult) -> None:
     """Readings, means by direction and their band of two standard deviations, as ISO 230-2 draws them."""
     rotary = result.runs.rotary
     where, scale = (180 / math.pi, ARCSEC) if rotary else (1e3, 1e6)
-    figure, ax = plt.subplots(figsize=(9, 4.5), layout="constrained")
+    figure = Plot(figsize=(9, 4.5), layout="constrained")
+    ax = figure.subplots()
     targets = result.runs.targets * where
     ways = [("forward", BLUE, result.runs.forward, result.figures.forward)]
     if result.runs.backward is not None and result.figures.backward is not None:
@@ -37,10 +33,11 @@ def draw_positioning(path: Path, result: PositioningResult) -> None:
         ax.fill_between(
             targets, (figures.mean - margin) * scale, (figures.mean + margin) * scale, color=colour, alpha=0.15, lw=0
         )
-    ax.set_xlabel(f"target, {'deg' if rotary else 'mm'}")
-    ax.set_ylabel(f"deviation, {'arcsec' if rotary else 'µm'}")
+    ax.set(xlabel=f"target, {'deg' if rotary else 'mm'}", ylabel=f"deviation, {'arcsec' if rotary else 'µm'}")
     ax.set_title(f"Positioning {result.name} (ISO 230-2)\n{_figures_in_words(result, scale)}", fontsize=10)
-    _save(figure, ax, path)
+    ax.grid(alpha=0.3)
+    ax.legend(fontsize=8)
+    save(figure, path)
 
 
 def _figures_in_words(result: PositioningResult, scale: float) -> str:
@@ -62,7 +59,7 @@ def _figures_in_words(result: PositioningResult, scale: float) -> str:
 
 def draw_errors(path: Path, costs: Sequence[ErrorCost], chart: VolumetricMap) -> None:
     """Map of the tool offset over two axes, position and orientation, beside the errors ranked by what they cost."""
-    figure = plt.figure(figsize=(13, 6), layout="constrained")
+    figure = Plot(figsize=(13, 6), layout="constrained")
     grid = figure.add_gridspec(2, 2, width_ratios=(1, 1.2))
     maps = (
         (chart.position_error * 1e6, "position error, µm"),
@@ -75,19 +72,10 @@ def draw_errors(path: Path, costs: Sequence[ErrorCost], chart: VolumetricMap) ->
         mesh = ax.pcolormesh(first, second, values.T, shading="gouraud", cmap="viridis")
         figure.colorbar(mesh, ax=ax, label=title)
         units = ["deg" if rotary else "mm" for rotary in chart.rotary]
-        ax.set_xlabel(f"{chart.axes[0]}, {units[0]}")
-        ax.set_ylabel(f"{chart.axes[1]}, {units[1]}")
+        ax.set(xlabel=f"{chart.axes[0]}, {units[0]}", ylabel=f"{chart.axes[1]}, {units[1]}")
     ax = figure.add_subplot(grid[:, 1])
     shown = list(costs[:MOST_BARS])[::-1]
     ax.barh([cost.name for cost in shown], [cost.position_largest * 1e6 for cost in shown], color=BLUE, alpha=0.25)
     ax.barh([cost.name for cost in shown], [cost.position_rms * 1e6 for cost in shown], color=BLUE)
     ax.set_xlabel("tool position error by this error alone, µm:\nroot mean square (dark) and largest (light)")
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
-
-
-def _save(figure: Any, ax: Any, path: Path) -> None:  # noqa: ANN401 (matplotlib carries no types here)
-    ax.grid(alpha=0.3)
-    ax.legend(fontsize=8)
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
+    save(figure, path)

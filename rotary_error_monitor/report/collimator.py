@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
-import matplotlib
 import numpy as np
+from matplotlib.axes import Axes
 
 from rotary_error_monitor.calibration.collimator import CollimatorResult
 from rotary_error_monitor.report.palette import BLUE, GREY, ORANGE, VERMILION
+from rotary_error_monitor.report.plot import Plot, save
 from rotary_error_monitor.units import ARCSEC
-
-matplotlib.use("Agg")
-from matplotlib import pyplot as plt
 
 ARROW = 0.15
 """Length of the longest residual on the detector, as a part of the steps' extent."""
@@ -24,18 +21,17 @@ POINTS = 101
 
 def draw_collimator(path: Path, result: CollimatorResult) -> None:
     """Readings over what the reference shows and what is left of them, by axis; beside it the steps on the detector."""
-    figure = plt.figure(figsize=(14, 7), layout="constrained")
+    figure = Plot(figsize=(14, 7), layout="constrained")
     grid = figure.add_gridspec(2, 3, height_ratios=(1.3, 1), width_ratios=(1, 1, 1.05))
     for axis in range(2):
         above = figure.add_subplot(grid[0, axis])
         _draw_readings(above, result, axis)
         _draw_residual(figure.add_subplot(grid[1, axis], sharex=above), result, axis)
     _draw_detector(figure.add_subplot(grid[:, 2]), result)
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
+    save(figure, path)
 
 
-def _draw_readings(ax: Any, result: CollimatorResult, axis: int) -> None:  # noqa: ANN401 (matplotlib has no types)
+def _draw_readings(ax: Axes, result: CollimatorResult, axis: int) -> None:
     found = result.calibration
     tilts = _along(result, axis)
     # what the other axis shows is taken off, so that all steps lie about one line
@@ -55,7 +51,7 @@ def _draw_readings(ax: Any, result: CollimatorResult, axis: int) -> None:  # noq
     ax.tick_params(labelbottom=False)
 
 
-def _draw_residual(ax: Any, result: CollimatorResult, axis: int) -> None:  # noqa: ANN401
+def _draw_residual(ax: Axes, result: CollimatorResult, axis: int) -> None:
     found = result.calibration
     shown, left = found.steps.reference[:, axis] * ARCSEC, found.residual[:, axis] * ARCSEC
     tilts = _along(result, axis)
@@ -72,14 +68,13 @@ def _draw_residual(ax: Any, result: CollimatorResult, axis: int) -> None:  # noq
     _draw_left_out(ax, result, np.where(inside, shown, np.nan), left)
     most = 2 * max(explained, largest, float(band.max()))
     ax.set_ylim(-most, most)
-    ax.set_xlabel(f"reference {'xy'[axis]}, arcsec")
-    ax.set_ylabel("residual, arcsec")
+    ax.set(xlabel=f"reference {'xy'[axis]}, arcsec", ylabel="residual, arcsec")
     ax.set_title(f"{'XY'[axis]}: residual ±{largest:.2f} arcsec", fontsize=10)
     ax.grid(alpha=0.3)
     ax.legend(fontsize=7, ncols=2, loc="upper center")
 
 
-def _draw_detector(ax: Any, result: CollimatorResult) -> None:  # noqa: ANN401
+def _draw_detector(ax: Axes, result: CollimatorResult) -> None:
     """The spot on the quadrants as Figure 4 has it: a tilt about y moves it along +x, one about x along -y."""
     found = result.calibration
     tilt, left = found.steps.reference * ARCSEC, found.residual * ARCSEC
@@ -101,12 +96,11 @@ def _draw_detector(ax: Any, result: CollimatorResult) -> None:  # noqa: ANN401
     ax.set_xlim(-1.3 * extent, 1.3 * extent)
     ax.set_ylim(-1.3 * extent, 1.3 * extent)
     ax.set_aspect("equal")
-    ax.set_xlabel("reference y: spot along x of the detector, arcsec")
-    ax.set_ylabel("less reference x: spot along y, arcsec")
+    ax.set(xlabel="reference y: spot along x of the detector, arcsec", ylabel="less reference x: spot along y, arcsec")
     ax.set_title(f"Steps on the detector, residuals {scale:.0f} times\n(dashed: range)", fontsize=10)
 
 
-def _draw_left_out(ax: Any, result: CollimatorResult, x: np.ndarray, y: np.ndarray) -> None:  # noqa: ANN401
+def _draw_left_out(ax: Axes, result: CollimatorResult, x: np.ndarray, y: np.ndarray) -> None:
     if not result.calibration.used.all():
         out = ~result.calibration.used
         ax.plot(x[out], y[out], "x", color=VERMILION, label="left out")

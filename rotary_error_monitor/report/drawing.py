@@ -101,6 +101,13 @@ def new_axes(
     return figure, ax
 
 
+def go_round(ax: Axes) -> None:
+    """Have the axis of angles go over a turn, 0 to 360 degrees, on a grid."""
+    ax.set_xlim(0, 360)
+    ax.set_xticks(range(0, 361, 60))
+    ax.grid(alpha=0.3)
+
+
 def label(figure: Figure, ax: Axes, title: str, x: str = "", y: str = "", scale: float = 1.0) -> None:
     """Title, names of the axes with units, and a legend if anything has a name, its markers so many times as large."""
     width, height = figure.get_size_inches()

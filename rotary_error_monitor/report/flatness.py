@@ -4,20 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
-import matplotlib
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
 from numpy.typing import NDArray
 
 from rotary_error_monitor.calibration.grinding import FlatnessPrediction
 from rotary_error_monitor.calibration.workpiece import MeasuredSurface
 from rotary_error_monitor.report.palette import BLUE, GREY, VERMILION
-
-matplotlib.use("Agg")
-from matplotlib import pyplot as plt
-
-Axes = Any  # matplotlib carries no types here
+from rotary_error_monitor.report.plot import Plot, save
 
 PANEL = 2.8
 """Height of a panel, inches: a workpiece of 1400 mm by 500 mm about as it is."""
@@ -38,7 +34,8 @@ def draw_flatness(path: Path, prediction: FlatnessPrediction, measured: Mapping[
     largest = max(float(np.abs(surface.heights).max()) for _, surface in surfaces) * 1e6
     count = len(surfaces) + len(measured)
     largest = max(largest, *(float(np.abs(each.heights).max()) * 1e6 for each in measured.values()), 0.0)
-    figure, axes = plt.subplots(count + 2, 1, figsize=(8, PANEL * (count + 2)), layout="constrained")
+    figure = Plot(figsize=(8, PANEL * (count + 2)), layout="constrained")
+    axes = figure.subplots(count + 2, 1)
     for ax, (name, surface) in zip(axes, surfaces, strict=False):
         mesh = _draw_map(ax, prediction, surface.heights, largest)
         ax.set_title(f"{name}: flatness {surface.flatness * 1e6:.2f} µm, {surface.reversals} reversals", fontsize=9)
@@ -52,11 +49,10 @@ def draw_flatness(path: Path, prediction: FlatnessPrediction, measured: Mapping[
     figure.colorbar(mesh, ax=axes[count], label="height of the wheel, µm")
     axes[count].set_xlabel(f"{prediction.feeds[0]}, mm")
     _draw_benefit(axes[count + 1], prediction)
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
+    save(figure, path)
 
 
-def _draw_map(ax: Axes, prediction: FlatnessPrediction, heights: NDArray[np.float64], largest: float) -> Any:  # noqa: ANN401
+def _draw_map(ax: Axes, prediction: FlatnessPrediction, heights: NDArray[np.float64], largest: float) -> QuadMesh:
     first, second = prediction.curves
     ax.set_ylabel(f"{prediction.feeds[1]}, mm")
     return ax.pcolormesh(
@@ -91,8 +87,7 @@ def _draw_benefit(ax: Axes, prediction: FlatnessPrediction) -> None:
     for name, colour, which in ways:
         y = [getattr(each, which).flatness * 1e6 for each in prediction.comparisons]
         ax.plot(x, y, "o-", color=colour, label=name)
-    ax.set_xlabel(f"reversal error of {prediction.vertical}, µm")
-    ax.set_ylabel("flatness at worst, µm")
+    ax.set(xlabel=f"reversal error of {prediction.vertical}, µm", ylabel="flatness at worst, µm")
     ax.set_ylim(bottom=0.0)
     ax.grid(alpha=0.3)
     ax.legend(fontsize=8)

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +14,7 @@ from rotary_error_monitor.calibration.machine_poses import Poses
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.machine.budget import BodyPart, OffsetBudget
 from rotary_error_monitor.machine.characteristic import body_numbers
+from rotary_error_monitor.report.drawn import Drawn
 from rotary_error_monitor.report.page import (
     Tone,
     about,
@@ -27,6 +26,7 @@ from rotary_error_monitor.report.page import (
     verdict,
     whole_page,
 )
+from rotary_error_monitor.report.result_files import contents_of, csv_of
 from rotary_error_monitor.units import MICRO, without_rounding_error
 
 COMPONENTS = ("dx_um", "dy_um", "dz_um", "da_urad", "db_urad", "dc_urad")
@@ -150,32 +150,34 @@ def _program(machine: MachineDescription, poses: Poses, budget: OffsetBudget) ->
 
 
 def offset_contents(
-    machine: MachineDescription, poses: Poses, budget: OffsetBudget, formats: Collection[str], source: str
-) -> Iterator[tuple[str, bytes]]:
-    """Format and content of each file that was asked for; `source` is the file of poses, if there is one."""
+    machine: MachineDescription, poses: Poses, budget: OffsetBudget, outputs: Mapping[str, Path], source: str
+) -> Iterator[tuple[Path, bytes]]:
+    """Each file that was asked for, by its format, and its content; `source` is the file of poses, if there is one."""
     facts = {"machine": machine.name, **({"poses": source} if source else {}), "made by": made_by()}
-    if "csv" in formats:
-        yield "csv", _csv(machine, poses, budget).encode()
-    if "json" in formats:
-        yield "json", f"{json.dumps(_mapping(machine, poses, budget, facts), indent=1, allow_nan=False)}\n".encode()
-    if {"html", "png"} & set(formats):
+
+    def drawn() -> tuple[list[Drawn], Callable[[Iterable[Drawn]], bytes]]:
         # what draws takes long to load
         from rotary_error_monitor.report.drawing import tiled
         from rotary_error_monitor.report.offset_figure import draw
 
-        pictures = draw(machine, budget)
-        if "html" in formats:
-            sections = _sections(machine, poses, budget, facts, images(pictures))
-            yield "html", whole_page("Offset", machine.name, sections).encode()
-        if "png" in formats:
-            yield "png", tiled([[picture] for picture in pictures])
+        return draw(machine, budget), lambda pictures: tiled([[picture] for picture in pictures])
+
+    def page(pictures: Iterable[Drawn]) -> str:
+        return whole_page("Offset", machine.name, _sections(machine, poses, budget, facts, images(pictures)))
+
+    return contents_of(
+        outputs,
+        lambda: _mapping(machine, poses, budget, facts),
+        lambda: _csv(machine, poses, budget),
+        drawn,
+        page,
+    )
 
 
 def _pose_columns(machine: MachineDescription, poses: Poses) -> dict[str, Array]:
     """Columns of a table of poses, in its units."""
     columns = {
-        f"{axis.letter}_mm" if axis.kind == "linear" else f"{axis.letter}_deg": values
-        * (1e3 if axis.kind == "linear" else 180 / math.pi)
+        f"{axis.letter}_{axis.shown[1]}": values * axis.shown[0]
         for axis, values in zip(machine.axes, poses.positions.T, strict=True)
     }
     columns |= {
@@ -184,7 +186,7 @@ def _pose_columns(machine: MachineDescription, poses: Poses) -> dict[str, Array]
     return {**columns, "temperature_degC": poses.temperature}
 
 
-def _csv(machine: MachineDescription, poses: Poses, budget: OffsetBudget) -> str:
+def _csv(machine: MachineDescription, poses: Poses, budget: OffsetBudget) -> bytes:
     """A row each pose; columns by what they hold, such as exact_dx_um and carriage_location_dx_um."""
     columns = _pose_columns(machine, poses)
     tables = {name.replace(" ", "_"): values for name, values in _totals(budget)}
@@ -194,12 +196,8 @@ def _csv(machine: MachineDescription, poses: Poses, budget: OffsetBudget) -> str
             tables[f"{part.body.name}_motion"] = part.motion
     for name, values in tables.items():
         columns |= {f"{name}_{component}": values[:, k] * MICRO for k, component in enumerate(COMPONENTS)}
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(columns)
     rows = np.stack(list(columns.values()), axis=1).tolist()
-    writer.writerows(map(without_rounding_error, row) for row in rows)
-    return buffer.getvalue()
+    return csv_of(columns, (map(without_rounding_error, row) for row in rows))
 
 
 def _mapping(

@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.report.palette import BLUE, GREY
+from rotary_error_monitor.report.plot import Plot, save
 
 
 def draw_reliability(path: Path, stated: Array, share: Array, interval: Array, title: str) -> None:
@@ -21,13 +21,12 @@ def draw_reliability(path: Path, stated: Array, share: Array, interval: Array, t
         interval: (b, 2) least and largest frequency that such a part fits.
         title: of the diagram.
     """
-    figure = Figure(figsize=(5, 5), layout="constrained")
+    figure = Plot(figsize=(5, 5), layout="constrained")
     ax = figure.subplots()
     ax.plot([0, 1], [0, 1], "--", color=GREY, lw=1, label="as stated")
     beside = np.maximum(np.stack([share - interval[:, 0], interval[:, 1] - share]), 0.0)
     ax.errorbar(stated, share, beside, fmt="o", color=BLUE, capsize=3, label="observed, 95 % interval")
     ax.set(xlim=(-0.02, 1.02), ylim=(-0.02, 1.02), aspect="equal", title=title)
-    ax.set_xlabel("stated probability")
-    ax.set_ylabel("observed frequency")
+    ax.set(xlabel="stated probability", ylabel="observed frequency")
     ax.legend(loc="upper left")
-    figure.savefig(path)
+    save(figure, path, dpi=100)

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
-import matplotlib
 import numpy as np
+from matplotlib.axes import Axes
 
 from rotary_error_monitor.calibration.straightness_runs import Placed
 from rotary_error_monitor.calibration.straightness_step import StraightnessResult
@@ -16,11 +15,8 @@ from rotary_error_monitor.metrology.positioning import COVERAGE
 from rotary_error_monitor.metrology.profile_comparison import ProfileComparison
 from rotary_error_monitor.metrology.reference_mirror import MirrorForm
 from rotary_error_monitor.report.palette import BLUE, GREEN, GREY, VERMILION
+from rotary_error_monitor.report.plot import Plot, save
 
-matplotlib.use("Agg")
-from matplotlib import pyplot as plt
-
-Axes = Any  # matplotlib carries no types here
 WIDTH, PANEL = 9.0, 3.4
 """Of a picture and of the height of one of its panels, inches: as the other pictures of a calibration."""
 
@@ -38,23 +34,20 @@ def draw_straightness(path: Path, result: StraightnessResult) -> None:
         panels += [lambda ax: _draw_both(ax, comparison), lambda ax: _draw_difference(ax, comparison)]
     if mirror is not None:
         panels.append(lambda ax: _draw_mirror(ax, mirror))
-    figure, axes = plt.subplots(
-        len(panels), 1, figsize=(WIDTH, 1.1 + PANEL * len(panels)), layout="constrained", squeeze=False
-    )
+    figure = Plot(figsize=(WIDTH, 1.1 + PANEL * len(panels)), layout="constrained")
+    axes = figure.subplots(len(panels), 1, squeeze=False)
     for ax, draw in zip(axes[:, 0], panels, strict=True):
         draw(ax)
         ax.grid(alpha=0.3)
         ax.legend(fontsize=8)
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
+    save(figure, path)
 
 
 def draw_runs(path: Path, result: StraightnessResult) -> None:
     """Of each placement its runs and their departures from the mean of their direction (Zhou et al. 2023, Figs 6-8)."""
     parts = result.placements
-    figure, axes = plt.subplots(
-        len(parts), 2, figsize=(1.4 * WIDTH, 0.8 + PANEL * len(parts)), layout="constrained", squeeze=False
-    )
+    figure = Plot(figsize=(1.4 * WIDTH, 0.8 + PANEL * len(parts)), layout="constrained")
+    axes = figure.subplots(len(parts), 2, squeeze=False)
     for number, (part, (left, right)) in enumerate(zip(parts, axes, strict=True), start=1):
         _draw_runs_of(left, right, part)
         left.set_title(f"segment {number}: {len(part.runs)} runs", fontsize=9)
@@ -65,8 +58,7 @@ def draw_runs(path: Path, result: StraightnessResult) -> None:
             ax.set_xlabel("position, mm")
             ax.grid(alpha=0.3)
         left.legend(fontsize=8)
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
+    save(figure, path)
 
 
 def _draw_curve(ax: Axes, result: StraightnessResult) -> None:
@@ -78,24 +70,21 @@ def _draw_curve(ax: Axes, result: StraightnessResult) -> None:
     for number, overlap in enumerate(spliced.overlaps):
         label = "overlap" if number == 0 else None
         ax.axvspan(overlap.first * 1e3, overlap.last * 1e3, color=GREY, alpha=0.15, lw=0, label=label)
-    ax.set_xlabel("position, mm")
-    ax.set_ylabel("deviation, µm")
+    ax.set(xlabel="position, mm", ylabel="deviation, µm")
     ax.set_title(f"Straightness {result.name}: {result.error * 1e6:.2f} µm")
 
 
 def _draw_rotated(ax: Axes, rotated: RotatedCurve) -> None:
     label = f"rotated by {rotated.angle * 1e6:+.1f} µrad: {'rises' if rotated.rising else 'falls'}"
     ax.plot(rotated.positions * 1e3, rotated.errors * 1e6, color=GREEN, label=label)
-    ax.set_xlabel("position, mm")
-    ax.set_ylabel("rotated curve, µm")
+    ax.set(xlabel="position, mm", ylabel="rotated curve, µm")
 
 
 def _draw_both(ax: Axes, comparison: ProfileComparison) -> None:
     x = comparison.positions * 1e3
     ax.plot(x, comparison.first * 1e6, color=BLUE, label="spliced")
     ax.plot(x, comparison.second * 1e6, "--", color=VERMILION, label="measured directly")
-    ax.set_xlabel("position, mm")
-    ax.set_ylabel("deviation, µm")
+    ax.set(xlabel="position, mm", ylabel="deviation, µm")
 
 
 def _draw_difference(ax: Axes, comparison: ProfileComparison) -> None:
@@ -103,8 +92,7 @@ def _draw_difference(ax: Axes, comparison: ProfileComparison) -> None:
     label = f"spliced less direct, {comparison.largest * 1e6:.3f} µm at most"
     ax.plot(x, comparison.difference * 1e6, color=VERMILION, label=label)
     ax.fill_between(x, -margin, margin, color=GREY, alpha=0.2, lw=0, label="expanded uncertainty of both (k = 2)")
-    ax.set_xlabel("position, mm")
-    ax.set_ylabel("difference, µm")
+    ax.set(xlabel="position, mm", ylabel="difference, µm")
 
 
 def _draw_mirror(ax: Axes, mirror: MirrorForm) -> None:
@@ -112,8 +100,7 @@ def _draw_mirror(ax: Axes, mirror: MirrorForm) -> None:
     margin = COVERAGE * np.sqrt(np.maximum(np.diag(mirror.covariance), 0.0)) * 1e6
     ax.plot(x, y, color=GREEN, label=f"form of the mirror, {mirror.flatness * 1e6:.3f} µm")
     ax.fill_between(x, y - margin, y + margin, color=GREEN, alpha=0.2, lw=0, label="expanded uncertainty (k = 2)")
-    ax.set_xlabel("distance from the mirror's start, mm")
-    ax.set_ylabel("height, µm")
+    ax.set(xlabel="distance from the mirror's start, mm", ylabel="height, µm")
 
 
 def _draw_runs_of(left: Axes, right: Axes, part: Placed) -> None:

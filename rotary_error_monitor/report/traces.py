@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from rotary_error_monitor.report.palette import colour
-from rotary_error_monitor.report.plot import Plot
+from rotary_error_monitor.report.plot import Plot, save
 
 MOST_POINTS = 20_000
 """Points of a trace that are drawn; of longer ones every n-th."""
@@ -42,8 +42,12 @@ class Panel:
 
 
 def draw_panels(path: Path, panels: Sequence[Panel]) -> None:
-    """Write a PNG with one panel below the other."""
-    figure_of_panels(panels).savefig(path, dpi=110)
+    """Write a picture with one panel below the other.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    save(figure_of_panels(panels), path)
 
 
 def figure_of_panels(panels: Sequence[Panel]) -> Plot:

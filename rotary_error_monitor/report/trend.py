@@ -10,8 +10,7 @@ from rotary_error_monitor.analysis.history import StageHistory, Standing
 from rotary_error_monitor.analysis.trend import Reach, Trend
 from rotary_error_monitor.analysis.trend_result import FolderTrend, Unread, date_of
 from rotary_error_monitor.analysis.verdict import Outcome
-from rotary_error_monitor.effects.effect import Estimate
-from rotary_error_monitor.gap.quantities import number, quantity, shared_power
+from rotary_error_monitor.gap.quantities import number, shared_power
 from rotary_error_monitor.report.analysis import BADGES, OUTCOMES
 from rotary_error_monitor.report.drawn import Drawn
 from rotary_error_monitor.report.page import (
@@ -25,7 +24,7 @@ from rotary_error_monitor.report.page import (
     verdict,
     whole_page,
 )
-from rotary_error_monitor.report.wording import amount, counted, spoken
+from rotary_error_monitor.report.wording import amount, counted, spoken, with_unit
 
 _TERMS = {
     "figure": "error motion value or drift of a recording, as rotary_error_monitor analyse gives it (doc/analysis.md)",
@@ -130,10 +129,10 @@ def _limit(stage: StageHistory, standing: Standing) -> list[str]:
     now, first, reaching = standing.now, standing.first_beyond, standing.reaching
     return [
         spoken(now.name),
-        _told(now.limit, 0.0, now.unit),
+        with_unit(now.limit, now.unit),
         "not told" if now.value is None else amount(now.value, now.unit),
         OUTCOMES[now.outcome],
-        "–" if standing.margin is None else _told(*standing.margin, now.unit),
+        "–" if standing.margin is None else with_unit(standing.margin[0], now.unit, standing.margin[1]),
         "–" if first is None else f"{date_of(stage.recordings[first].started_ns)}, {stage.recordings[first].bag}",
         "–" if reaching is None else f"{_when(reaching[1])} ({spoken(reaching[0].series.name)})",
         spoken(now.where[1]) or "–",
@@ -159,7 +158,7 @@ def _events(stage: StageHistory, trends: Sequence[Trend]) -> Iterator[str]:
     for place, same in itertools.groupby(steps, key=lambda row: row[0]):
         rows = list(same)
         _, trend, step = max(rows, key=lambda row: abs(row[2].after - row[2].before) / row[2].expanded_uncertainty)
-        levels = " to ".join(_told(level, 0.0, trend.series.unit) for level in (step.before, step.after))
+        levels = " to ".join(with_unit(level, trend.series.unit) for level in (step.before, step.after))
         first = stage.recordings[place]
         yield (
             f"{date_of(first.started_ns)}, from {first.bag} on: a step in {counted(len(rows), 'figure')}, "
@@ -168,25 +167,21 @@ def _events(stage: StageHistory, trends: Sequence[Trend]) -> Iterator[str]:
     drifting = [trend for trend in trends if trend.has_slope]
     if drifting:
         best = max(drifting, key=lambda trend: abs(trend.slope) / trend.slope_uncertainty)
-        slope = _told(best.slope, best.slope_uncertainty, f"{best.series.unit}/day")
+        slope = with_unit(best.slope, f"{best.series.unit}/day", best.slope_uncertainty)
         yield f"a slope of {counted(len(drifting), 'figure')}, most clearly of {spoken(best.series.name)}, {slope}"
-
-
-def _told(value: float, uncertainty: float, unit: str) -> str:
-    return quantity(Estimate(value, uncertainty), unit)
 
 
 def _rows(stage: StageHistory, trend: Trend) -> Iterator[list[str]]:
     series, unit = trend.series, trend.series.unit
     name = [spoken(series.name), series.segment or "–"]
     for step in trend.steps:
-        levels = [_told(level, 0.0, unit) for level in (step.before, step.after)]
-        change = _told(step.after - step.before, step.expanded_uncertainty, unit)
+        levels = [with_unit(level, unit) for level in (step.before, step.after)]
+        change = with_unit(step.after - step.before, unit, step.expanded_uncertainty)
         first = stage.recordings[step.place]
         yield [*name, "step", f"{date_of(first.started_ns)}, {first.bag}", *levels, change]
     if trend.has_slope:
-        slope = _told(trend.slope, trend.slope_uncertainty, f"{unit}/day")
-        levels = [_told(float(level), 0.0, unit) for level in trend.at(series.started_ns[[0, -1]])]
+        slope = with_unit(trend.slope, f"{unit}/day", trend.slope_uncertainty)
+        levels = [with_unit(float(level), unit) for level in trend.at(series.started_ns[[0, -1]])]
         begin, end = (date_of(int(each))[:10] for each in series.started_ns[[0, -1]])
         yield [*name, "slope", f"{begin} to {end}", *levels, slope]
 

@@ -13,13 +13,11 @@ from rotary_error_monitor.analysis.history import StageHistory
 from rotary_error_monitor.analysis.trend import Trend
 from rotary_error_monitor.analysis.trend_result import FolderTrend, date_of
 from rotary_error_monitor.arrays import Times
-from rotary_error_monitor.effects.effect import Estimate
-from rotary_error_monitor.gap.quantities import quantity
 from rotary_error_monitor.metrology.spindle_figures import COVERAGE
 from rotary_error_monitor.report.drawing import WIDE, drawn, in_rows, label, new_axes, tiled
 from rotary_error_monitor.report.drawn import Drawn
 from rotary_error_monitor.report.palette import BLUE, GREY, VERMILION
-from rotary_error_monitor.report.wording import spoken
+from rotary_error_monitor.report.wording import spoken, with_unit
 from rotary_error_monitor.units import MICRO
 
 MOST_PANELS = 12
@@ -83,7 +81,7 @@ def _axis(stage: StageHistory) -> str:
 def _in_words(stage: StageHistory, trend: Trend) -> str:
     unit, stamps = trend.series.unit, trend.series.started_ns
     begin, end = (date_of(int(stamp))[:10] for stamp in stamps[[0, -1]])
-    now = quantity(Estimate(trend.now, trend.now_uncertainty), unit)
+    now = with_unit(trend.now, unit, trend.now_uncertainty)
     steps = "; a step on ".join(["", *(date_of(stage.recordings[step.place].started_ns)[:10] for step in trend.steps)])
     return f"{len(stamps)} recordings from {begin} to {end}, now {now}{steps}{'; a slope' if trend.has_slope else ''}"
 

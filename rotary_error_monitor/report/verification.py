@@ -13,8 +13,6 @@ from rotary_error_monitor.analysis.verification_result import (
     TurningComparison,
     Verification,
 )
-from rotary_error_monitor.effects.effect import Estimate
-from rotary_error_monitor.gap.quantities import quantity
 from rotary_error_monitor.report.drawn import Drawn
 from rotary_error_monitor.report.page import (
     Tone,
@@ -28,7 +26,7 @@ from rotary_error_monitor.report.page import (
     verdict,
     whole_page,
 )
-from rotary_error_monitor.report.wording import aligned
+from rotary_error_monitor.report.wording import aligned, with_unit
 from rotary_error_monitor.units import MICRO
 
 _TERMS = {
@@ -82,7 +80,7 @@ def verdict_sentence(found: Verification) -> str:
 
 def _leaning(each: ReferenceComparison) -> str:
     way = "higher" if each.higher > 0 else "lower"
-    off = quantity(Estimate(abs(each.higher), each.higher_expanded), "m")
+    off = with_unit(abs(each.higher), "m", each.higher_expanded)
     return (
         f"the differences from {_named(each)} follow the tilt as if it stood {off} {way}: {_length(each.lean)} RMS (at "
         f"most {_length(each.lean_most)})"
@@ -96,7 +94,7 @@ def notes_of(found: Verification) -> Iterator[str]:
         if each.stated != "as described":
             yield f"{name}: the height is {each.stated}"
         if abs(each.higher) > _CLEARLY * each.higher_expanded:
-            better = quantity(Estimate(each.height + each.higher, each.higher_expanded), "m")
+            better = with_unit(each.height + each.higher, "m", each.higher_expanded)
             within = ", though they are within the uncertainty" if each.agrees else ""
             yield f"{name}: the differences are least for a reference at {better}{within}: check where it stands"
         apart = np.abs(each.eccentricity - np.array(each.described)) > each.expanded
@@ -166,7 +164,7 @@ def _rows(each: ReferenceComparison) -> list[list[str]]:
 def _taken(each: ReferenceComparison) -> Iterator[str]:
     """What was found and taken off, in sentences."""
     x, y = (float(value) for value in each.eccentricity)
-    parts = (quantity(Estimate(v, float(u)), "m") for v, u in zip((x, y), each.expanded, strict=True))
+    parts = (with_unit(v, "m", float(u)) for v, u in zip((x, y), each.expanded, strict=True))
     size, angle = _length(math.hypot(x, y)), math.degrees(math.atan2(y, x))
     described = ", ".join(f"{_micrometres(float(value))} µm" for value in each.described)
     yield (
@@ -179,7 +177,7 @@ def _taken(each: ReferenceComparison) -> Iterator[str]:
     )
     yield f"taken off: zero of {', '.join(each.axes)}, {zeros}"
     if math.isfinite(each.higher_expanded):
-        best = quantity(Estimate(each.height + each.higher, each.higher_expanded), "m")
+        best = with_unit(each.height + each.higher, "m", each.higher_expanded)
         lean = f"by it the differences are {_length(each.lean)} RMS (at most {_length(each.lean_most)})"
         yield f"not taken off: the height that fits best, {best} (k = 2); {lean}"
 
@@ -196,7 +194,7 @@ def _named(each: ReferenceComparison) -> str:
 
 def _length(value: float) -> str:
     """A length to three digits."""
-    return quantity(Estimate(float(f"{value:.3g}"), 0.0), "m")
+    return with_unit(float(f"{value:.3g}"), "m")
 
 
 def _micrometres(value: float) -> str:

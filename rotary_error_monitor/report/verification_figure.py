@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 
 from rotary_error_monitor.analysis.verification_result import ReferenceComparison, TurningComparison, Verification
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.report.drawing import WIDE, Sketch, drawn, in_rows, label, new_axes, tiled
+from rotary_error_monitor.report.drawing import WIDE, Sketch, drawn, go_round, in_rows, label, new_axes, tiled
 from rotary_error_monitor.report.drawn import Drawn
 from rotary_error_monitor.report.palette import BLACK, GREY, ORANGE, colour
 from rotary_error_monitor.units import MICRO
@@ -60,7 +60,7 @@ def _over_angle(each: ReferenceComparison) -> Iterator[Sketch]:
             told = colour(place)
             ax.plot(angles, _closed(reference), color=told, lw=2.6, alpha=0.35, label=f"reference, {_way(turning)}")
             ax.plot(angles, _closed(estimate), color=told, lw=1.0, label=f"monitor, {_way(turning)}")
-        _angle_axis(ax)
+        go_round(ax)
         title = f"{_title(each, name)}: radial error motion"
         label(figure, ax, title, "angle, °", "mean over turns, µm")
         ranges = ", ".join(f"{np.ptp(turning.profiles[:, axis]) * MICRO:.3g} µm {_way(turning)}" for turning in shown)
@@ -77,7 +77,7 @@ def _angle_differences(each: ReferenceComparison) -> Iterator[Sketch]:
             angles = _closed(turning.angles * _DEGREES, 360.0)
             ax.plot(angles, _closed(difference), color=colour(place), lw=1.0, label=turning.name)
         _draw_bound(ax, most, _MOST)
-        _angle_axis(ax)
+        go_round(ax)
         title = f"{_title(each, name)}: reference less monitor"
         label(figure, ax, title, "angle, °", "mean over turns, µm")
         ranges = ", ".join(
@@ -127,12 +127,6 @@ def _draw_bound(ax: Axes, bound: float, name: str) -> None:
     ax.axhspan(-bound, bound, color=GREY, alpha=0.12, lw=0, label=name)
     shown = max(1.1 * largest, min(1.1 * bound, _BEYOND * largest))
     ax.set_ylim(-shown, shown)
-    ax.grid(alpha=0.3)
-
-
-def _angle_axis(ax: Axes) -> None:
-    ax.set_xlim(0, 360)
-    ax.set_xticks(range(0, 361, 60))
     ax.grid(alpha=0.3)
 
 

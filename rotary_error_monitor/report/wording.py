@@ -36,4 +36,9 @@ def power_of_ten(exponent: int) -> str:
 
 def amount(value: Value, unit: str) -> str:
     """Value and expanded uncertainty, such as `1.72 ± 0.05 µm`."""
-    return quantity(Estimate(value.value, value.expanded), unit)
+    return with_unit(value.value, unit, value.expanded)
+
+
+def with_unit(value: float, unit: str, uncertainty: float = 0.0) -> str:
+    """A value of an SI unit with the prefix that suits it, and its uncertainty, where there is one."""
+    return quantity(Estimate(value, uncertainty), unit)

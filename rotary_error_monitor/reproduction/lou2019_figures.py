@@ -12,7 +12,7 @@ from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.notebook.estimates import Estimate
 from rotary_error_monitor.notebook.recording import read_bag
-from rotary_error_monitor.report.drawing import WIDE, drawn, label, new_axes
+from rotary_error_monitor.report.drawing import WIDE, drawn, go_round, label, new_axes
 from rotary_error_monitor.report.drawn import Drawn
 from rotary_error_monitor.report.palette import colour
 from rotary_error_monitor.reproduction.units import ARCSEC, DEGREE, UM
@@ -137,9 +137,7 @@ def _over_angle(angle: Array, title: str, y: str, curves: Mapping[str, Array]) -
     for number, (name, values) in enumerate(curves.items()):
         named = name if len(curves) > 1 else None
         ax.plot(angle / DEGREE, values, color=colour(number), lw=1.0, label=named)
-    ax.set_xlim(0, 360)
-    ax.set_xticks(range(0, 361, 60))
-    ax.grid(alpha=0.3)
+    go_round(ax)
     label(figure, ax, title, "angle, °", y)
     ranges = ", ".join(f"{name} {np.ptp(values):.3g}" for name, values in curves.items())
     return drawn(figure, f"{title}, over the angle; range {ranges} {y.rpartition(', ')[2]}")

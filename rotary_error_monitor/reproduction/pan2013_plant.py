@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.machine import Displacement, MachineDescription, load_machine, machine_mapping
 from rotary_error_monitor.files import write_whole
+from rotary_error_monitor.plant.machine import over_travel
 from rotary_error_monitor.plant.noise import Noise
 from rotary_error_monitor.reproduction.units import ARCSEC, DEGREE, MM, UM
 
@@ -197,10 +198,10 @@ class PanMachine:
     def write_poses(self, path: Path, count: int) -> None:
         """Write poses drawn in the working volume, each axis come from a side that is drawn as well."""
         draw = self._draw("poses")
-        axes, scales = self.described.axes, [180 / math.pi if self._is_rotary(a) else 1e3 for a in self._letters]
-        poses = np.stack([draw.uniform(*axis.travel, count) for axis in axes], axis=1) * scales
+        axes = self.described.axes
+        poses = np.stack([draw.uniform(*axis.travel, count) * axis.shown[0] for axis in axes], axis=1)
         ways = draw.choice([-1, 1], (count, len(axes)))
-        names = [f"{axis.letter}_{'deg' if axis.kind == 'rotary' else 'mm'}" for axis in axes]
+        names = [f"{axis.letter}_{axis.shown[1]}" for axis in axes]
         rows = [",".join([*names, *(f"{letter}_direction" for letter in self._letters)])]
         for pose, way in zip(poses, ways, strict=True):
             rows.append(",".join([*(f"{value:.6f}" for value in pose), *map(str, way)]))
@@ -238,8 +239,7 @@ class PanMachine:
         return self.described.axis(letter).kind == "rotary"
 
     def _u(self, letter: str, positions: Array) -> Array:
-        low, high = self.described.axis(letter).travel
-        return (2 * positions - low - high) / (high - low)
+        return over_travel(self.described.axis(letter), positions)
 
     def _draw(self, name: str) -> np.random.Generator:
         return Noise(self.seed, name).generator()

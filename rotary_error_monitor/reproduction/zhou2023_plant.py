@@ -61,6 +61,15 @@ _FINE = 4001
 """Positions over which a form is scaled: a millimetre of the longest axis has three."""
 
 
+def _of_size(shape: Form, size: float, ends: tuple[float, float], at: Array) -> Array:
+    """(n,) a shape at places, about its line of least squares from end to end, with that range there."""
+    fine = np.linspace(*ends, _FINE)
+    values = shape(fine)
+    slope, height = np.polyfit(fine, values, 1)
+    scale = size / float(np.ptp(values - slope * fine - height))
+    return np.asarray(scale * (shape(at) - slope * at - height))
+
+
 @dataclass(frozen=True)
 class Guideway:
     """Straightness of a feed axis in Y.
@@ -79,11 +88,7 @@ class Guideway:
 
     def true(self, positions: Array) -> Array:
         """(n,) deviations from the line of least squares, m."""
-        fine = np.linspace(*self.travel, _FINE)
-        values = self.shape(fine)
-        slope, height = np.polyfit(fine, values, 1)
-        size = self.straightness / float(np.ptp(values - slope * fine - height))
-        return np.asarray(size * (self.shape(positions) - slope * positions - height))
+        return _of_size(self.shape, self.straightness, self.travel, positions)
 
 
 @dataclass(frozen=True)
@@ -104,12 +109,7 @@ class FlatMirror:
 
     def true(self, distance: Array) -> Array:
         """(n,) heights over the distance from the mirror's start, about their line, m."""
-        u = np.linspace(-1.0, 1.0, _FINE)
-        values = self.shape(u)
-        slope, height = np.polyfit(u, values, 1)
-        size = self.flatness / float(np.ptp(values - slope * u - height))
-        at = 2 * distance / self.length - 1
-        return np.asarray(size * (self.shape(at) - slope * at - height))
+        return _of_size(self.shape, self.flatness, (-1.0, 1.0), 2 * distance / self.length - 1)
 
 
 X = Guideway(

@@ -11,7 +11,7 @@ from rotary_error_monitor.description.machine import machine_mapping as machine_
 from rotary_error_monitor.description.stage import stage_mapping as stage_mapping
 from rotary_error_monitor.effects.effect import AnyEffect, Cause
 from rotary_error_monitor.effects.library import effect_named
-from rotary_error_monitor.errors import InputError, excerpt
+from rotary_error_monitor.errors import InputError, excerpt, told_of
 
 Kind = TypeVar("Kind", bound=AnyEffect)
 
@@ -40,9 +40,7 @@ def causes_from_rows(rows: object, effects: Sequence[Kind], origin: str) -> tupl
             raise InputError(
                 f"{origin}: effects, row {number}: {excerpt(row)}; expected effect, location and parameters"
             )
-        try:
+        with told_of(f"{origin}: effects, row {number}"):
             effect = effect_named(str(row["effect"]), effects)
             found.append(Cause(effect, str(row.get("location") or ""), effect.values_from(row["parameters"])))
-        except InputError as error:
-            raise InputError(f"{origin}: effects, row {number}: {error}") from error
     return tuple(found)

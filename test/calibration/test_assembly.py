@@ -55,8 +55,8 @@ def test_assembly_comes_back_into_the_stage_file(tmp_path: Path, capsys: pytest.
     section["stage"]["mirror"] = {"tilt": [0.0, 0.0]}
     stage.write_text(yaml.safe_dump(section), encoding="utf-8")
     parser = argparse.ArgumentParser()
-    calibrate.add(parser.add_subparsers())
-    words = ["calibrate", "assembly", str(bag), "--stage", str(stage), "--date", "2026-11-21", *map(str, IDEAL)]
+    calibrate.add(parser)
+    words = ["assembly", str(bag), "--stage", str(stage), "--date", "2026-11-21", *map(str, IDEAL)]
     arguments = parser.parse_args(words)
     assert arguments.run(arguments) == 0
     text = capsys.readouterr().out
@@ -110,8 +110,8 @@ IDEAL = ("--centre-radial-um", 0, "--centre-lean-arcsec", 0)
 
 def run(*words: object) -> int:
     parser = argparse.ArgumentParser()
-    calibrate.add(parser.add_subparsers())
-    arguments = parser.parse_args(["calibrate", "assembly", *map(str, words), "--date", "2026-11-21"])
+    calibrate.add(parser)
+    arguments = parser.parse_args(["assembly", *map(str, words), "--date", "2026-11-21"])
     return int(arguments.run(arguments))
 
 

@@ -24,8 +24,8 @@ SIZE = np.hypot(*TRUTH["tilt"])
 
 def run(*words: object) -> int:
     parser = argparse.ArgumentParser()
-    calibrate.add(parser.add_subparsers())
-    arguments = parser.parse_args(["calibrate", "assembly", *map(str, words), "--date", "2026-11-21"])
+    calibrate.add(parser)
+    arguments = parser.parse_args(["assembly", *map(str, words), "--date", "2026-11-21"])
     return int(arguments.run(arguments))
 
 

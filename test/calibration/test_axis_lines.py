@@ -34,8 +34,8 @@ STATION = np.array([6.0, 3.0, -1.0])
 
 def run(*words: object) -> int:
     parser = argparse.ArgumentParser()
-    calibrate.add(parser.add_subparsers())
-    arguments = parser.parse_args(["calibrate", "squareness", *map(str, words)])
+    calibrate.add(parser)
+    arguments = parser.parse_args(["squareness", *map(str, words)])
     return int(arguments.run(arguments))
 
 

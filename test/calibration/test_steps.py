@@ -38,8 +38,8 @@ DAY = "2026-11-21"
 
 def run(*words: object) -> int:
     parser = argparse.ArgumentParser()
-    calibrate.add(parser.add_subparsers())
-    arguments = parser.parse_args(["calibrate", *map(str, words)])
+    calibrate.add(parser)
+    arguments = parser.parse_args([*map(str, words)])
     return int(arguments.run(arguments))
 
 

@@ -47,10 +47,10 @@ def written(
 
 def run(source: Path, machine: Path, *more: object, length: float = 5000.0) -> int:
     parser = argparse.ArgumentParser()
-    calibrate.add(parser.add_subparsers())
+    calibrate.add(parser)
     words = ["straightness", source, "--machine", machine, "--component", "EYX", "--mirror-length-mm", length]
     words += ["--mirror-flatness-um", 0.001, "--noise-um", NOISE, *more]
-    arguments = parser.parse_args(["calibrate", *map(str, words)])
+    arguments = parser.parse_args([*map(str, words)])
     return int(arguments.run(arguments))
 
 

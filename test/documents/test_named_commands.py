@@ -19,9 +19,9 @@ SOURCES = sorted((ROOT / "rotary_error_monitor").rglob("*.py"))
 
 @cache
 def parser_of(command: str) -> argparse.ArgumentParser:
-    subparsers = argparse.ArgumentParser().add_subparsers()
-    import_module(f"rotary_error_monitor.commands.{command.replace('-', '_')}").add(subparsers)
-    return subparsers.choices[command]
+    parser = argparse.ArgumentParser()
+    import_module(f"rotary_error_monitor.commands.{command.replace('-', '_')}").add(parser)
+    return parser
 
 
 def steps_of(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:

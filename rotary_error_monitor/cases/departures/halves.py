@@ -7,8 +7,8 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from rotary_error_monitor.cases.departures.departure import Ranges, Reals, sign
-from rotary_error_monitor.cases.departures.poses import PoseSwell
+from rotary_error_monitor.cases.departures.departure import Ranges, Reals
+from rotary_error_monitor.cases.departures.poses import ByAxis, PoseSwell, place
 from rotary_error_monitor.cases.departures.swells import Swell
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.plant.machine import Poses
@@ -130,20 +130,13 @@ class PoseGrows(PoseSwell):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PoseOnlyOneWay(PoseSwell):
+class PoseOnlyOneWay(ByAxis):
     """There where axis `letter` came from one side only, that of the strength's sign."""
-
-    letter: str
 
     @property
     def words(self) -> str:
         """The mechanism."""
         return f"where {self.letter} travelled in its {'positive' if self.strength > 0 else 'negative'} direction only"
-
-    @classmethod
-    def drawn(cls, draw: np.random.Generator) -> Self:
-        """Any axis, either side."""
-        return cls(strength=sign(draw), letter=str(draw.choice(list("XYZCA"))))
 
     def factor(self, poses: Poses, machine: MachineDescription) -> Reals:
         """By the direction of travel."""
@@ -152,26 +145,17 @@ class PoseOnlyOneWay(PoseSwell):
 
 
 @dataclass(frozen=True, kw_only=True)
-class HalfTravel(PoseSwell):
+class HalfTravel(ByAxis):
     """There over one half of the travel of axis `letter` only, that of the strength's sign."""
-
-    letter: str
 
     @property
     def words(self) -> str:
         """The mechanism."""
         return f"in the {'upper' if self.strength > 0 else 'lower'} half of the travel of {self.letter} only"
 
-    @classmethod
-    def drawn(cls, draw: np.random.Generator) -> Self:
-        """Any axis, either half."""
-        return cls(strength=sign(draw), letter=str(draw.choice(list("XYZCA"))))
-
     def factor(self, poses: Poses, machine: MachineDescription) -> Reals:
         """By the position, within a tenth of the travel."""
-        low, high = machine.axis(self.letter).travel
-        u = (2 * poses.positions[:, machine.letters.index(self.letter)] - low - high) / (high - low)
-        return 0.5 + 0.5 * np.tanh(10 * self.strength * u)
+        return 0.5 + 0.5 * np.tanh(10 * self.strength * place(poses, machine, self.letter))
 
 
 STAGE_HALVES = (Begins, GrowsFromNothing, ComesAndGoes, HalfTurn, OnlyOneWay)

@@ -13,7 +13,7 @@ from rotary_error_monitor.cases.departures.swells import SIZES
 from rotary_error_monitor.cases.faults import Named
 from rotary_error_monitor.cases.faults.axes import AxisFault
 from rotary_error_monitor.description.machine import MachineDescription
-from rotary_error_monitor.plant.machine import MachineFault, MachinePlant, Poses
+from rotary_error_monitor.plant.machine import MachineFault, MachinePlant, Poses, over_travel
 from rotary_error_monitor.plant.noise import Noise, Turbulence
 
 
@@ -48,6 +48,11 @@ class PoseSwelling(MachineFault):
             sized = replace(plant, faults=(*others, self.textbook.scaled(size)))
             offsets.append(sized.tool_offset(poses, corrections, monitored))
         return blended(offsets, SIZES, self.swell.factor(poses, plant.description))
+
+
+def place(poses: Poses, machine: MachineDescription, letter: str) -> Reals:
+    """(n,) where an axis is at each pose, scaled to its travel."""
+    return over_travel(machine.axis(letter), poses.positions[:, machine.letters.index(letter)])
 
 
 def lagging(warming: Reals, lag: float) -> Reals:
@@ -88,17 +93,23 @@ class LaggingScale(PoseSwell):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PoseOneWay(PoseSwell):
-    """Another size where axis `letter` came from the positive side, by the strength."""
+class ByAxis(PoseSwell):
+    """Another size by where axis `letter` is, or by the way it came."""
 
     letter: str
-    most: ClassVar[float] = 0.8
-    told = "where {letter} travelled in its negative direction {percent:+.3g} % of its size"
 
     @classmethod
     def drawn(cls, draw: np.random.Generator) -> Self:
-        """Any axis, either way."""
+        """Any axis, either sign."""
         return cls(strength=sign(draw), letter=str(draw.choice(list("XYZCA"))))
+
+
+@dataclass(frozen=True, kw_only=True)
+class PoseOneWay(ByAxis):
+    """Another size where axis `letter` came from the positive side, by the strength."""
+
+    most: ClassVar[float] = 0.8
+    told = "where {letter} travelled in its negative direction {percent:+.3g} % of its size"
 
     def factor(self, poses: Poses, machine: MachineDescription) -> Reals:
         """By the direction of travel."""
@@ -131,10 +142,7 @@ class AlongTravel(PoseSwell):
 
     def factor(self, poses: Poses, machine: MachineDescription) -> Reals:
         """Power of the position, scaled to the travel."""
-        letter = self.letter or "Z"
-        low, high = machine.axis(letter).travel
-        u = (2 * poses.positions[:, machine.letters.index(letter)] - low - high) / (high - low)
-        return 1 + self.strength * u**self.power
+        return 1 + self.strength * place(poses, machine, self.letter or "Z") ** self.power
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,7 +9,7 @@ import numpy as np
 
 from rotary_error_monitor.cases.faults.named import Named, Pair, Reals, unnamed, vocabulary
 from rotary_error_monitor.description.machine import Axis, Displacement, MachineDescription
-from rotary_error_monitor.plant.machine import DIRECTIONS, MachineFault, Poses
+from rotary_error_monitor.plant.machine import DIRECTIONS, MachineFault, Poses, over_travel
 
 Vector = tuple[float, float, float]
 TURNED = {"XY": ("X", (0.0, 0.0, -1.0)), "XZ": ("Z", (0.0, 1.0, 0.0)), "YZ": ("Z", (-1.0, 0.0, 0.0))}
@@ -35,8 +35,8 @@ class ComponentFault(AxisFault, ABC):
         if axis.letter != self.component[2]:
             return errors
         errors = errors.copy()
-        q, low, high = poses.positions[:, column], *axis.travel
-        added = self.added(q, (2 * q - low - high) / (high - low), poses.directions[:, column], poses.warming)
+        q = poses.positions[:, column]
+        added = self.added(q, over_travel(axis, q), poses.directions[:, column], poses.warming)
         errors[:, DIRECTIONS.index(self.component[1])] += added
         return errors
 
