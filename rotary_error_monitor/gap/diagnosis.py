@@ -11,13 +11,13 @@ import numpy as np
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import Cause, Estimate, Role
-from rotary_error_monitor.gap.alternatives import Alternatives, Key, rank_alternatives
+from rotary_error_monitor.gap.alternatives import REJECTED, Alternatives, Key, rank_alternatives
 from rotary_error_monitor.gap.departures import Departure, describe
 from rotary_error_monitor.gap.fitting import Fit
 from rotary_error_monitor.gap.judgement import judge
 from rotary_error_monitor.gap.options import FALSE_ALARMS, MOST_CAUSES
 from rotary_error_monitor.gap.p_values import LEAST_LOG_P_VALUE
-from rotary_error_monitor.gap.posterior import departures_of
+from rotary_error_monitor.gap.posterior import departures_of, odds_of_slips
 from rotary_error_monitor.gap.problem import DiagnosableProblem, Finding, Share
 from rotary_error_monitor.gap.selection import select_causes
 from rotary_error_monitor.gap.shrink import Gap, measure_gap
@@ -160,7 +160,13 @@ def diagnose(
         tuple(problem.where(fit.causes, fit.rest, explained)),
         gap,
         told.findings[:12],
-        problem.remarks(fit.rest) + _at_bounds(causes) + _left_out(selection) + told.doubts,
+        (
+            *problem.remarks(fit.rest),
+            *_at_bounds(causes),
+            *_like_slips(problem, fit),
+            *_left_out(selection),
+            *told.doubts,
+        ),
         problem.figures(fit.causes),
     )
 
@@ -173,6 +179,16 @@ def _at_bounds(causes: Sequence[FoundCause]) -> tuple[str, ...]:
         for found in causes
         for units in (found.cause.effect.units(found.cause.location),)
         for name, value in found.at_bounds.items()
+    )
+
+
+def _like_slips(problem: DiagnosableProblem, fit: Fit) -> tuple[str, ...]:
+    """Causes that the recording does not tell from what slipped: further reversals would."""
+    return tuple(
+        f"{' at '.join(filter(None, cause.key))}: something that slipped once, for good, would look the same: "
+        "record more reversals"
+        for cause, odds in zip(fit.causes, odds_of_slips(problem, fit), strict=True)
+        if odds > np.log(REJECTED)
     )
 
 

@@ -18,7 +18,7 @@ from rotary_error_monitor.gap.normal import combine, width_of
 from rotary_error_monitor.gap.options import FALSE_ALARMS
 from rotary_error_monitor.gap.posterior import (
     Posterior,
-    is_likelier_proportional,
+    is_likelier_instead,
     marginal_likelihood,
     weigh_against_unknown,
     with_departures,
@@ -108,7 +108,7 @@ def _learns_outliers(problem: Problem, tried: Sequence[Posterior]) -> bool:
 
 
 def _judge_settled(problem: Problem, chosen: Step, false_alarms: float) -> Judgement | None:
-    """Of causes that leave only noise; None where what is proportional to a quantity is likelier than one of them."""
+    """Of causes that leave only noise; None where something unknown of a form that is known is likelier than one."""
     fit = fit_causes(problem, chosen.fit.causes, chosen.fit)
     needless, instead = departures_instead(problem, chosen, fit, false_alarms)
     likelier = [posterior for posterior in instead if posterior.settled and posterior.likelier]
@@ -125,8 +125,10 @@ def _judge_settled(problem: Problem, chosen: Step, false_alarms: float) -> Judge
         if posteriors:
             _, best = _likeliest([(chosen, posterior) for posterior in posteriors])
             return _believed(chosen, best, posteriors)
-        if is_likelier_proportional(own):
+        if is_likelier_instead(own):
             return None
+    elif is_likelier_instead(weigh_against_unknown(problem, fit, (), chosen.log_alarm, chosen.table.effects)):
+        return None
     return _in_textbook_forms(problem, chosen, fit, needless)
 
 

@@ -7,9 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import expit
 
+from rotary_error_monitor.gap.slow_noise import LARGEST
+
 OTHERWISE = 0.35
 """Standard deviation of the logarithm of noise that is not as stated, over what is stated: in 19 of 20 quieter noise is
 no less than half of it, as data sheets state the noise at most."""
+
+LOUDEST = float(np.exp(OTHERWISE * LARGEST))
+"""Times the noise that somebody stated of an instrument beyond which it is none, as with slow noise (`LARGEST`): the
+prior of the level holds it for less likely than a false alarm may be."""
 
 NOISIER = 0.05
 """Part by which noise differs from what is stated from which it is reported."""

@@ -23,6 +23,7 @@ from rotary_error_monitor.gap.hypotheses import price_of
 from rotary_error_monitor.gap.normal import BlockNormal, Normal, combine, solve_scaled, stack, width_of
 from rotary_error_monitor.gap.problem import Columns, Finding, LateRows, Problem, Rows
 from rotary_error_monitor.gap.proportion import amplitudes_of, log_odds_in_proportion, price_of_departures
+from rotary_error_monitor.gap.reversals import Reversing, log_odds_of_slips
 
 FREE = 3
 """Directions beside that of a cause in which something unknown may lie.
@@ -69,6 +70,8 @@ class Posterior:
         credit: log odds of each cause that come from nothing unknown being needed beside them.
         near: whether so little is left of any cause that it could be a departure.
         needless: log odds, by name and place of a cause, that it is a departure of the others.
+        instead: log odds of something unknown of a form that is known in the place of each cause, priors aside: of what
+            is proportional to a quantity, or slipped.
     """
 
     fit: Fit
@@ -78,6 +81,7 @@ class Posterior:
     near: bool
     credit: float
     needless: Mapping[tuple[str, str], float] = field(default_factory=dict)
+    instead: tuple[float, ...] = ()
 
     @property
     def total(self) -> float:
@@ -150,12 +154,37 @@ def weigh_against_unknown(
         beside = sum(value / total * float(np.log1p(value / left[channel])) for channel, value in power.items())
         near |= beside > np.log1p(1 / NO_DEPARTURE)
         log_odds.append(0.5 * _free(problem, cause) * gain + prior - 0.5 * float(share / SHARE) ** 2)
-    return beside_proportional(Posterior(fit, tuple(findings), tuple(log_odds), settled, near, credit), fit)
+    instead = tuple(np.logaddexp(odds_of_slips(problem, fit), _proportional(fit)).tolist())
+    return _beside(Posterior(fit, tuple(findings), tuple(log_odds), settled, near, credit, instead=instead), instead)
 
 
-def is_likelier_proportional(departing: Posterior) -> bool:
-    """Whether what is proportional to a quantity in the place of a cause is likelier than that with its departures."""
-    return any(value > _prior_of_known(departing) for value in departing.fit.proportional)
+def is_likelier_instead(posterior: Posterior) -> bool:
+    """Whether something unknown of a form that is known is likelier in the place of a cause."""
+    return any(value > _prior_of_known(posterior) for value in posterior.instead)
+
+
+def odds_of_slips(problem: Problem, fit: Fit) -> tuple[float, ...]:
+    """Logarithm of the marginal likelihood of what slipped once, for good, in the place of each cause, over that of the
+    causes; -inf where a cause does not jump at reversals.
+    """
+    found = [-np.inf] * len(fit.causes)
+    kinds = {(own.cause, kind) for own in fit.departures for kind in own.kinds}
+    for place in range(len(found)):
+        if not isinstance(problem, Reversing):
+            break
+        log_priors, slips = problem.slipped(place, fit.causes)
+        if not len(log_priors):
+            continue
+        total = _stacked_beside(problem, replace(fit, data=problem.residual(fit.causes)), [slips]).total()
+        departing = [own.cause for own in fit.departures for _ in own.kinds]
+        found[place] = log_odds_of_slips(total, len(fit.nuisance_values), fit.causes, departing, place, log_priors)
+        # A slip does without the departures of the cause, and what their choice costs.
+        found[place] -= fit.log_prior * sum(cause == place for cause, _ in kinds) / max(len(kinds), 1)
+    return tuple(found)
+
+
+def _proportional(fit: Fit) -> tuple[float, ...]:
+    return fit.proportional or (-np.inf,) * len(fit.causes)
 
 
 def _prior_of_known(posterior: Posterior) -> float:
@@ -168,8 +197,12 @@ def beside_proportional(posterior: Posterior, departing: Fit) -> Posterior:
     That is something unknown, and any of the known effects might be the one that it is like. In their textbook forms
     causes need something unknown beside them that does what their departures do: they are no likelier than with those.
     """
-    prior = _prior_of_known(posterior)
-    pairs = zip(posterior.log_odds, departing.proportional or [-np.inf] * len(posterior.log_odds), strict=True)
+    return _beside(posterior, _proportional(departing))
+
+
+def _beside(posterior: Posterior, instead: Sequence[float]) -> Posterior:
+    """Causes weighed as well against what is in the place of each, from log odds of that with equal priors."""
+    pairs, prior = zip(posterior.log_odds, instead, strict=True), _prior_of_known(posterior)
     return replace(posterior, log_odds=tuple(-float(np.logaddexp(-odds, value - prior)) for odds, value in pairs))
 
 

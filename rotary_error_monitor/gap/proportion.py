@@ -20,6 +20,9 @@ from rotary_error_monitor.gap.departures import Departures
 from rotary_error_monitor.gap.hypotheses import price_of
 from rotary_error_monitor.gap.normal import Normal, solve_scaled
 
+SAME = 1e-9
+"""Part of the squares of a cause below which what is proportional to a quantity in its place is rounding."""
+
 Label = tuple[int, str]
 """Position of departures among those that are offered, and a kind of departure."""
 
@@ -81,7 +84,7 @@ class _Table:
         widths = [len(values) for values in amplitudes]
         self._nuisances, self._first = nuisances, nuisances + sum(widths)
         own = np.split(np.arange(nuisances, self._first, dtype=np.intp), np.cumsum(widths)[:-1])
-        self._linear = [places[_is_linear(cause)] for places, cause in zip(own, causes, strict=True)]
+        self._linear = [places[is_linear(cause)] for places, cause in zip(own, causes, strict=True)]
         self._gram = total.gram
         fitted = slice(nuisances, self._first)
         self._moment = total.moment + total.gram[:, fitted] @ np.concatenate(amplitudes)
@@ -119,9 +122,13 @@ class _Table:
         gram[own] += added.T
         gram[np.ix_(own, own)] += values.T @ added[apart]
         moment[own] += values.T @ moment[apart]
+        # Where the quantity is none wherever the cause acts, nothing is left but rounding.
+        gone = own[np.diag(gram)[own] <= SAME * np.diag(self._gram)[own]]
+        gram[gone], gram[:, gone], moment[gone] = 0.0, 0.0, 0.0
         return gram, moment
 
 
-def _is_linear(cause: Cause) -> NDArray[np.bool_]:
+def is_linear(cause: Cause) -> NDArray[np.bool_]:
+    """(k,) which of the columns of a cause are those of amplitudes, and not of shapes."""
     shapes = set(cause.effect.indices(Role.SHAPE))
     return np.array([i not in shapes for i in cause.effect.indices(Role.LINEAR, Role.SHAPE)])

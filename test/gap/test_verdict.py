@@ -21,9 +21,11 @@ from rotary_error_monitor.gap.departures import (
 )
 from rotary_error_monitor.gap.fitting import fit_causes
 from rotary_error_monitor.gap.judgement import judge
+from rotary_error_monitor.gap.normal import Normal
 from rotary_error_monitor.gap.p_values import log_chi_square_tail
 from rotary_error_monitor.gap.posterior import departures_of
 from rotary_error_monitor.gap.problem import Finding
+from rotary_error_monitor.gap.proportion import log_odds_in_proportion
 from rotary_error_monitor.gap.selection import select_causes
 from rotary_error_monitor.gap.verdict import Verdict
 from test.gap.conftest import LinearProblem
@@ -126,6 +128,27 @@ def test_what_is_proportional_to_a_quantity_that_hardly_varies_is_no_departure(j
 
     assert rate(growing(spread), Verdict.UNKNOWN, ()) > 0.9
     assert all(rate(growing(share), Verdict.EXPLAINED) > 0.9 for share in (-spread, 0.5 * spread))
+
+
+def test_what_is_proportional_to_a_quantity_that_is_none_where_a_cause_acts_is_nothing(rng):
+    """As to a force that acts at other times: what rounding leaves of a loud cause then was no product of columns."""
+    for size in 10 ** rng.uniform(2.0, 6.0, 40):
+        problem = DepartingProblem({"x": rng.normal(size=(COUNT, 1))}, {})
+        column = size * rng.normal(size=(COUNT, 1))
+        problem.offer({"first": {"x": column}})
+        (candidate,) = problem.candidates({}, ())
+        cause, none = candidate.cause(np.ones(1)), np.full(COUNT, -1 / 3.0)
+        around = np.sqrt(2) * np.cos(np.arange(COUNT))
+        modulations = [Modulation("load", none, str, True, 3.0), Modulation("place", around, str, True)]
+        sizes = amplitude_sizes(cause)
+        apart = modulated(column[:, :, None], cause.values[:1], sizes, modulations)[:, 0]
+        table = np.hstack([column, apart])
+        total = Normal(table.T @ table, table.T @ problem.residual(())["x"][:, 0], 0.0, COUNT)
+        kinds, words, changes = spread_out(modulations, cause.values[:1], sizes)
+        offered = Departures(0, kinds, words, changes, {}, proportional=in_proportion(modulations, sizes))
+        for chosen in (set(), {(0, "place")}):
+            (odds,) = log_odds_in_proportion(total, 0, [cause], [offered], chosen)
+            assert odds < -0.4 * COUNT * size**2, "the cause explains its own squares, and nothing none"
 
 
 def test_what_resembles_a_known_effect_by_half_is_unknown(judged):

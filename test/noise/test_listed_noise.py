@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from draws import seeds
 from probed_stage import HIGH, LOW, SECONDS, STAGE, TOP, Withheld, blocks_of, recorded
 
 from rotary_error_monitor.description.topics import samples_topic
@@ -14,6 +15,7 @@ from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.diagnosis import diagnose
+from rotary_error_monitor.gap.noise_level import LOUDEST
 from rotary_error_monitor.gap.verdict import Verdict
 from rotary_error_monitor.kinds.stage.problem import StageProblem
 from rotary_error_monitor.noise.stage_noise import StageNoise, channels_of, noise_std
@@ -76,6 +78,25 @@ def test_a_level_is_learnt_of_the_sensor_that_has_it(seed):
     assert problem.noise.levels[LOW] == pytest.approx(2.0, rel=0.15) and problem.noise.levels[HIGH] == 1.0
     (told,) = (remark for remark in diagnosis.remarks if "noise is" in remark)
     assert re.match(rf"{LOW}: noise is (1\.9|2\.0|2\.1)", told), told
+
+
+def test_what_is_louder_than_an_instrument_is_wrong_with_it_and_no_noise():
+    """A loose or disturbed probe shows a white error; the shape of a target and of an axis are told beside it."""
+    told = []
+    for seed in seeds(9, 40):
+        rng = np.random.default_rng(seed)
+        name = str(rng.choice([TOP, LOW, HIGH]))
+        radial = ((3, (2e-7, -1e-7), (1e-7, 2e-7)),) if rng.random() < 0.5 else ()
+        level = float(rng.uniform(1.15, 4.0)) * LOUDEST
+        problem = problem_of(recorded(seed, Withheld(noise={name: level}, radial=radial)))
+        diagnosis = diagnose(problem)
+        expected = Verdict.PARTLY_EXPLAINED if radial else Verdict.UNKNOWN
+        named = [found.cause.key for found in diagnosis.causes] == [("spindle_radial", "order_3")] * bool(radial)
+        remark = next((each for each in diagnosis.remarks if each.startswith(f"{name}: noise is")), "")
+        right = diagnosis.verdict is expected and named and name in diagnosis.where[0].channel and bool(remark)
+        told.append((right, seed, name, level, diagnosis.verdict, remark))
+        assert problem.noise.levels[name] == 1.0
+    assert sum(right for right, *_ in told) >= len(told) - 1, told
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -13,7 +13,7 @@ from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.rotor import HEAD
 from rotary_error_monitor.gap.known_effects import KnownEffects
-from rotary_error_monitor.gap.noise_level import NOISIER, SAME_LEVEL, expected_level
+from rotary_error_monitor.gap.noise_level import LOUDEST, NOISIER, SAME_LEVEL, expected_level
 from rotary_error_monitor.gap.normal import own_rest
 from rotary_error_monitor.gap.problem import Columns, LateRows, Rows, SparseRows
 from rotary_error_monitor.gap.slow_noise import Rivals, cosines, in_all, learn_slow_noise
@@ -242,6 +242,7 @@ def _as_stated_or_louder(level: float, tracks: Sequence[Track]) -> float:
 
     That of the parts of the recording in the middle is free of what happens in a few of them. Squares and not
     magnitudes count: of noise with heavy tails they are what sums of many rows scatter by, and so what tests go by.
+    What is louder than an instrument is (`LOUDEST`) is something wrong with it, and no noise.
 
     Args:
         level: how many times the stated noise the rows are white with.
@@ -250,7 +251,8 @@ def _as_stated_or_louder(level: float, tracks: Sequence[Track]) -> float:
     squares = [0.5 * np.square(_differences(track)) for track in tracks]
     parts = np.mean([[float(np.mean(part)) for part in np.array_split(own, PARTS)] for own in squares], axis=0)
     found = level * float(np.sqrt(min(np.median(parts), np.mean(parts))))
-    return found if found > 1 + max(NOISIER, 5 / np.sqrt(sum(map(len, squares)))) else 1.0
+    least = 1 + max(NOISIER, 5 / np.sqrt(sum(map(len, squares))))
+    return found if least < found <= LOUDEST else 1.0
 
 
 def _as_stated_or_quieter(level: float, tracks: Sequence[Track]) -> float:

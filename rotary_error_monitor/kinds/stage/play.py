@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -20,6 +21,9 @@ TRAVELS = tuple(float(np.pi / 2**k) for k in range(1, 7))
 
 In two-fold steps: what is taken up over a travel between two of them is a sum of theirs to half a per cent.
 """
+
+MOMENTS = 40
+"""Parts of the recording between which something may slip: a moment between is told by those next to it."""
 
 RELEASES = (np.inf, 2.0, 0.5, 0.125)
 """s within which what is displaced creeps back at rest, in four-fold steps; or it stays."""
@@ -87,6 +91,36 @@ class Play:
         way = np.where(np.abs(omega) > AT_REST, np.sign(omega), 0.0)
         begins = np.flatnonzero(np.diff(way, prepend=np.nan) != 0)
         return time[begins], way[begins]
+
+    @property
+    def reversals(self) -> list[tuple[float, ...]]:
+        """Time of each, s; where the rotor stood still in between when it came to rest, and when it went on."""
+        moving, found = np.flatnonzero(self._way), list[tuple[float, ...]]()
+        for before, after in itertools.pairwise(moving.tolist()):
+            if self._way[before] == self._way[after]:
+                continue
+            last = float(self._begins[after])
+            if after > before + 1:
+                found.append((float(self._begins[before + 1]), last))
+                continue
+            speeds = np.abs(np.asarray(self.inputs.omega(np.array([last - STEP, last])), np.float64))
+            found.append((last - STEP * float(speeds[1] / speeds.sum()),))
+        return found
+
+    def slips(self) -> tuple[Array, Array]:
+        """(m,) moments at which something may slip for good, s, and the logarithm of the probability of each.
+
+        A drive turns its force over at reversals: a slip at one of them is as likely as at all other moments together.
+        """
+        turning = np.concatenate([np.zeros(0), *self.reversals])
+        others = self.duration * np.arange(1, MOMENTS) / MOMENTS
+        counts = [len(own) for own in (turning, others)]
+        return np.concatenate([turning, others]), -np.log(np.repeat([2.0 * count for count in counts], counts))
+
+    def since(self, moments: Array, time: Array) -> Array:
+        """(n, m) the side that was taken last, from each moment on; 0 before it."""
+        side = np.sign(np.asarray(self.remembering().omega(time), np.float64))
+        return np.where(time[:, None] >= moments, side[:, None], 0.0)
 
     @property
     def _begins(self) -> Array:

@@ -234,6 +234,17 @@ class StageProblem:
             proportional.get(next(reversed(signatures), ""), ()),
         )
 
+    def slipped(self, place: int, causes: Sequence[Cause]) -> tuple[Array, Columns]:
+        """As `Reversing` asks."""
+        if not self.play.reversals or not self._modulations.jumps(causes[place]):
+            return np.zeros(0), {}
+        moments, log_priors = self.play.slips()
+        stacked: Signals = {}
+        for name, rows in self._staying(causes[place], causes).items():
+            since = self.play.since(moments, self.twin.times[name])
+            stacked[name] = (rows[:, :, None] * since[:, None, :, None]).reshape(*rows.shape[:2], -1)
+        return log_priors, self._white(stacked)
+
     def independent(self, cause: Cause) -> float:
         """As `Resembled` asks: of a wave on an arc fewer directions are."""
         return self._arc.independent(cause)

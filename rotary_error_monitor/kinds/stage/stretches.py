@@ -14,7 +14,7 @@ import numpy as np
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import StageDescription
-from rotary_error_monitor.effects.effect import Cause
+from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.effects.rotor import HEAD, StageEffect
 from rotary_error_monitor.gap.departures import Departures
 from rotary_error_monitor.gap.problem import Columns, Conditions, LateRows, Rows, SparseRows, StretchedConditions
@@ -127,6 +127,17 @@ class LongStageProblem(StageProblem):
             return made
 
         return replace(first, columns=LateRows(len(first.kinds), rows_of))
+
+    def slipped(self, place: int, causes: Sequence[Cause]) -> tuple[Array, Columns]:
+        """As `Reversing` asks, made for one stretch at a time."""
+        log_priors, _ = self._stretches[self._first_with(causes[place])].slipped(place, causes)
+
+        def rows_of(stretch: int) -> Rows | SparseRows:
+            _, made = self._open(stretch).slipped(place, causes)
+            assert not isinstance(made, LateRows)
+            return made
+
+        return log_priors, LateRows(len(log_priors) * len(causes[place].effect.indices(Role.LINEAR)), rows_of)
 
     def _first_with(self, cause: Cause) -> int:
         """The first stretch with a stream that a cause acts on: a sensor may begin late, or fall silent."""

@@ -50,13 +50,13 @@ def test_noise_of_the_thermometer_is_no_gap(stage_problem, monkeypatch):
         return [diagnose(StageProblem(stage, noisy, EFFECTS)).verdict for stage, noisy in drawn]
 
     assert verdicts().count(Verdict.NO_GAP) >= 5
-    monkeypatch.setattr("rotary_error_monitor.kinds.stage.problem.uncertain_warmings", lambda twin, recording: ())
+    monkeypatch.setattr("rotary_error_monitor.kinds.stage.of_whole.uncertain_warmings", lambda twin, recording: ())
     monkeypatch.setattr("rotary_error_monitor.kinds.stage.noise_learning.learn_slow_noise", lambda *given: None)
     assert verdicts().count(Verdict.NO_GAP) <= 3
 
 
 @pytest.mark.parametrize(("section", "value"), [("lvdt", 1 / 1.5), ("autocollimator", 0.4)])
-def test_noise_alone_is_no_gap_however_large(section, value, stage_problem):
+def test_noise_alone_is_no_gap_within_what_an_instrument_may_have(section, value, stage_problem):
     problem, _ = stage_problem(26, "null")
     part = getattr(problem.stage, section)
     quiet = dataclasses.replace(problem.stage, **{section: dataclasses.replace(part, noise=value * part.noise)})

@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
+from draws import seeds
 
 from rotary_error_monitor.cases.draws import stage_faults
+from rotary_error_monitor.cases.faults import make_fault
+from rotary_error_monitor.cases.making import make_stage_case
+from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.sentences import verdict_sentence
 from rotary_error_monitor.gap.verdict import Verdict
+from rotary_error_monitor.kinds.stage.problem import StageProblem
+from rotary_error_monitor.plant.motion import Motion, Segment
 from rotary_error_monitor.report.diagnosis import page
+from rotary_error_monitor.signals.blocks import NANOSECONDS
+from rotary_error_monitor.twin.recording import record_stage
 
 EFFECTS = load_effects(StageEffect)
 
@@ -140,6 +151,38 @@ def test_what_each_head_has_of_its_own_is_not_taken_for_the_rotation(stage_probl
         assert diagnosis.where[0].channel.startswith("/stage/head_")
         assert truth.snr[diagnosis.where[0].channel] > 0.3 * truth.snr[most]
         assert sum(share.share for share in diagnosis.where) == pytest.approx(1.0)
+
+
+THERE_AND_BACK = Motion(tuple(Segment(*each) for each in ((1.0, 0.0), (5.0, 1.0), (4.5, 4.0), (8.5, -4.0), (1.0, 0.0))))
+"""One reversal, at 10.6 s, between two stretches of rest."""
+
+
+@pytest.mark.parametrize("at_reversal", [True, False])
+def test_what_slips_once_for_good_is_no_backlash(stage_problem, at_reversal):
+    """The only reversal is all that tells a backlash from it; jitter as slow as the motion hides when it was.
+
+    Slips at that moment were a backlash, with a probability of 0.98; real ones, which begin and end at rest, still are.
+    """
+    told = []
+    for seed in seeds(6, 7200):
+        draw = np.random.default_rng(seed)
+        time = 10.625 if at_reversal else draw.uniform(4.0, 16.0)
+        case = make_stage_case(seed, "null", duration=20.0, motion=THERE_AND_BACK)
+        slip = make_fault("disc_slip", "", time=time, step=draw.choice([-1, 1]) * draw.uniform(1e-6, 4e-6))
+        diagnosis = diagnose(problem_of(case, slip))
+        told.append((diagnosis.verdict in (Verdict.UNKNOWN, Verdict.NO_GAP), seed, time, slip.step))
+        real = diagnose(stage_problem(seed, "single", ["reversal_backlash"], motion=THERE_AND_BACK)[0])
+        named = [found.cause.effect.name for found in real.causes]
+        told.append((real.verdict is Verdict.EXPLAINED and named == ["reversal_backlash"], seed, "backlash"))
+    assert sum(right for right, *_ in told) >= len(told) - 1, told
+
+
+def problem_of(case, fault):
+    """The problem of a case's recording with a fault in its plant."""
+    plant, end = replace(case.plant, faults=(fault,)), round(20.0 * NANOSECONDS)
+    blocks = {stream: [plant.samples(stream, 0, plant.clocks[stream].index_at(end))] for stream in plant.streams}
+    topics = {samples_topic(stream): list(each) for stream, each in blocks.items()}
+    return StageProblem(case.twin, record_stage(topics, sorted(case.twin.encoder.azimuths)), EFFECTS)
 
 
 def test_a_lag_of_the_rotor_lies_in_the_rotation(stage_problem):
