@@ -208,13 +208,9 @@ def bend_variance(bend: Array) -> Array:
     return np.asarray(BEND * (np.max(np.abs(bend[:, :-1]), axis=1) ** 2 + bend[:, -1] ** 2))
 
 
-def head_variance(encoder: Encoder, gain: Array, travel: Array, bend: Array | float = 0.0) -> Array:
-    """Variance of heads' resampled readings, rad², of the shape of `travel`.
-
-    Heads are read at times of their own: what interpolation of each cannot follow is another. It is told by third
-    differences, `bend`, as of `bend_variance`; 0 where times at which that matters are left out.
-    """
-    return reading_variance(encoder.noise, encoder.resolution, gain, travel) + BEND * bend**2
+def head_variance(encoder: Encoder, gain: Array, travel: Array) -> Array:
+    """(m,) variance of a head's resampled reading, rad²."""
+    return reading_variance(encoder.noise, encoder.resolution, gain, travel)
 
 
 def tilt_variance(instrument: Autocollimator, gain: Array, travel: Array, bend: Array) -> Array:

@@ -312,8 +312,7 @@ class CommandBelief:
         if self._goes_along((window.mean.theta, window.mean.ecc), (last.mean.theta, last.mean.ecc)):
             self._still = 0.0
             return ""
-        turned = abs(window.mean.theta - last.mean.theta)
-        self._still += max(turned - _missed_in(window) - _missed_in(last), 0.0)
+        self._still += abs(window.mean.theta - last.mean.theta)
         if self._still < 0.1 * self._limits.following_error:
             return ""
         return f"the command stands still while the rotor has turned by {self._still * 1e6:.3g} µrad"

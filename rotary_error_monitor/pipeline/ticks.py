@@ -201,11 +201,8 @@ class TickMaker:
         readings = np.concatenate([sampled[name].values for name in heads], axis=1)
         readings = remove_graduation(readings, np.array(layout.azimuths), encoder)
         gain = np.concatenate([sampled[name].gain[:, None] for name in heads], axis=1)
-        travel, bend = (
-            np.concatenate([getattr(sampled[name], each) for name in heads], axis=1) for each in ("travel", "bend")
-        )
-        # heads miss alike, but the samples of one around a tick may hide what those of another show
-        variance = head_variance(encoder, gain, travel, np.abs(bend).max(axis=1, keepdims=True))
+        travel = np.concatenate([sampled[name].travel for name in heads], axis=1)
+        variance = head_variance(encoder, gain, travel)
         return layout, estimate_ring_pose(layout, encoder.disc_radius, readings, variance)
 
     def _ring_parts(self, layout: HeadLayout, ring: RingPose, slowest: float) -> RingParts:
