@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.metrology.responses import correct_block
 from rotary_error_monitor.pipeline.belief import Belief
 from rotary_error_monitor.pipeline.common_turns import CommonTurns
+from rotary_error_monitor.pipeline.described_readings import DescribedReadings
 from rotary_error_monitor.pipeline.estimator_settings import LONGEST_GAP_NS
 from rotary_error_monitor.pipeline.estimator_settings import EstimatorSettings as EstimatorSettings
 from rotary_error_monitor.pipeline.estimator_settings import EstimatorStatus as EstimatorStatus
@@ -37,10 +37,7 @@ from rotary_error_monitor.pipeline.ticks import TickMaker
 from rotary_error_monitor.signals.arrival import ArrivalCheck
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.signals.resampling import Resampled, count_decided, resample_all, tick_times
-from rotary_error_monitor.signals.streams import SampleStream
-
-HIGHEST_ORDER = 12
-"""Harmonics of the graduation up to which the status says what the heads cannot see."""
+from rotary_error_monitor.signals.streams import SampleStream, after_pause
 
 CHUNK = 4096
 """Ticks computed at once at most, so that a replay needs no more memory than a live run."""
@@ -86,9 +83,10 @@ class Estimator:
         self._common_turns = CommonTurns({name: self._bits[name] for name in self._heads})
         heads = self._head_bits
         self._repetition = None if decisions is None else Repetition(decisions, self._bits, tuple(self._streams), heads)
-        self._layouts: dict[HeadLayout, tuple[int, ...]] = {}
         period_ns, limit = self._settings.period_ns, self._settings.disagreement_limit
         self._ticks = TickMaker(stage, self._heads, self._bits, period_ns * 1e-9)
+        self._described = DescribedReadings(stage, self._streams, self._bits, self._ticks.layout, period_ns)
+        self._joined_ns = self._settings.max_gap_ns if decisions is None else LONGEST_GAP_NS
         self._publication = Publication(stage, self._bits)
         self.belief = Belief(
             stage, self._heads, self._bits, self._streams, period_ns, limit, self._settings.check_turns
@@ -246,30 +244,26 @@ class Estimator:
         if self._next >= limit:
             return []
         found = []
+        decided = {} if last else {name: self._decided[name] for name in present}
         while self._next < limit:
-            count = min(limit - self._next, CHUNK)
-            found += self._compute(self._next, count)
-            self._next = self._after_pause(self._next + count, limit)
+            parts, count = self._compute(self._next, min(limit - self._next, CHUNK), decided)
+            if count == 0:
+                break
+            found += parts
+            streams, begin = self._streams.values(), self._next + count
+            self._next = after_pause(streams, begin, limit, self._settings.period_ns, self._joined_ns)
         # what of a window is refused is a part of all its samples, however many ticks were handed over at once
         kept_ns = max(WINDOW_NS, self._settings.period_ns)
+        until_ns = min(self._next * self._settings.period_ns - kept_ns, self._described.needed_from_ns(self._next))
         for stream in self._streams.values():
-            stream.trim(self._next * self._settings.period_ns - kept_ns)
+            stream.trim(until_ns)
         return found
 
-    def _after_pause(self, tick: int, limit: int) -> int:
-        """The next tick near which there are samples: over a time without any nothing is reckoned."""
-        begin_ns, nearest = tick * self._settings.period_ns, limit
-        joined_ns = self._settings.max_gap_ns if self._repetition is None else LONGEST_GAP_NS
-        reach = joined_ns // self._settings.period_ns + 1
-        for stream in self._streams.values() if tick < limit else ():  # live there is none behind it
-            times = stream.times_ns
-            place = int(np.searchsorted(times, begin_ns - joined_ns))
-            if place < len(times):
-                nearest = min(nearest, int(times[place]) // self._settings.period_ns - reach)
-        return max(tick, nearest)
+    def _compute(self, first: int, count: int, decided: Mapping[str, int]) -> tuple[list[ErrorMotion], int]:
+        """Error motion of ticks from `first` on, each choice of streams and each belief in its turn, and of how many.
 
-    def _compute(self, first: int, count: int) -> list[ErrorMotion]:
-        """Error motion of the ticks from `first` on; each choice of streams and each belief in its turn."""
+        They are fewer than `count` where others rest on more than is `decided` by the streams that are waited for.
+        """
         settings = self._settings
         ticks = tick_times(first, count, settings.period_ns)
         signals = [(stream.times_ns, stream.values) for stream in self._streams.values()]
@@ -279,7 +273,13 @@ class Estimator:
         else:
             values = self._repetition.joined(ticks, signals, values, settings.period_ns)
         resampled = dict(zip(self._streams, values, strict=True))
-        there = self._streams_at(ticks, values)
+        known = self._described.count_known(ticks, resampled, decided)
+        if known < count:
+            count, ticks = known, ticks[:known]
+            resampled = {name: each.at(np.arange(count)) for name, each in resampled.items()}
+            if count == 0:
+                return [], 0
+        there = self._streams_at(ticks, list(resampled.values()))
         self._common_turns.take_out(resampled, there)
         found, begin = [], 0
         while begin < count:
@@ -290,7 +290,7 @@ class Estimator:
             begin += done
             if self.belief.turns:
                 self._take_out_turns(self.belief.turns, resampled)
-        return found
+        return found, count
 
     def _streams_at(self, ticks: NDArray[np.int64], values: Sequence[Resampled]) -> NDArray[np.int64]:
         """Bit mask of the streams that have a value at each tick, of the values of all of them in their order."""
@@ -338,7 +338,9 @@ class Estimator:
         for place, decision in decided.items():  # a head that the live run did not wait for yet was not there for it
             there[place] &= decision.streams | self.belief.left_out | ~self._head_bits
         rates = {name: stream.rate for name, stream in self._streams.items()}
-        motion, evidence, disagreement, redundancy = self._make(sampled, there, used, first, rates)
+        described, lacking = self._described.at(ticks, sampled, used, self._joined_ns)
+        there, used = there & ~lacking, used & ~lacking
+        motion, evidence, disagreement, redundancy = self._make(sampled, there, used, first, rates, described)
         verdicts, done = self.belief.assess(evidence)
         believed = Believed(verdicts)
         for place, decision in decided.items():
@@ -382,18 +384,14 @@ class Estimator:
         used: NDArray[np.int64],
         first: int,
         rates: Mapping[str, float],
+        described: Resampled | None,
     ) -> tuple[ErrorMotion, Evidence, NDArray[np.float64], NDArray[np.int64]]:
         """Error motion of all ticks, what they say of the streams, contradiction of the heads, and their redundancy."""
-        made = self._ticks.make_each(sampled, there, used, rates)
+        made = self._ticks.make_each(sampled, there, used, rates, described)
         if made.layout is not None:
-            self.status.unseen_orders = self._unseen_orders(made.layout)
+            self.status.unseen_orders = self._ticks.unseen_orders(made.layout)
         if self.status.turns:  # the rotor has not moved by what was taken out between two windows
             made.evidence[:, EVIDENCE["theta"]] += 2 * np.pi * self.status.turns
         numbers = first + np.arange(len(there))
         evidence = Evidence(numbers, made.evidence, made.parity, there & self._judged_bits, made.readings)
         return made.motion, evidence, made.disagreement, made.redundancy
-
-    def _unseen_orders(self, layout: HeadLayout) -> tuple[int, ...]:
-        if layout not in self._layouts:
-            self._layouts[layout] = layout.hidden_orders(HIGHEST_ORDER)
-        return self._layouts[layout]

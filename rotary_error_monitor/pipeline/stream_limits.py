@@ -42,9 +42,13 @@ def stream_limits(stage: StageDescription) -> dict[str, tuple[tuple[str, ...], S
 
 def described_tilts(stage: StageDescription) -> DescribedPath:
     """Tilts of the mirror, rad, over a turn of the rotor."""
-    theta = np.linspace(0.0, TURN, PLACES, endpoint=False)
-    mirror = -remove_mirror(np.zeros((PLACES, 2)), theta, stage.mirror)
-    return DescribedPath(planar_sum(stage.spindle.tilt, theta) + mirror)
+    return DescribedPath(described_tilt(stage, np.linspace(0.0, TURN, PLACES, endpoint=False)))
+
+
+def described_tilt(stage: StageDescription, theta: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 2) tilt of the mirror, rad, that the description predicts at rotations `theta` (n,), rad."""
+    mirror = -remove_mirror(np.zeros((len(theta), 2)), theta, stage.mirror)
+    return planar_sum(stage.spindle.tilt, theta) + mirror
 
 
 def is_saturated(stage: StageDescription, name: str, block: SampleBlock) -> NDArray[np.bool_]:

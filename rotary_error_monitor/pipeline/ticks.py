@@ -30,6 +30,9 @@ from rotary_error_monitor.signals.resampling import Resampled
 AUTOCOLLIMATOR, COMMAND = "autocollimator", "command"
 TURN = 2 * np.pi
 
+HIGHEST_ORDER = 12
+"""Harmonics of the graduation up to which it is told what the heads cannot see."""
+
 
 @dataclass(frozen=True)
 class Ticks:
@@ -87,6 +90,7 @@ class TickMaker:
         self._period = period
         self._readings = None if self._heads else RotorReadings(stage)
         self._layouts: dict[tuple[float, ...], HeadLayout] = {}
+        self._unseen_orders: dict[HeadLayout, tuple[int, ...]] = {}
         for table in (stage.encoder and stage.encoder.graduation_table, stage.mirror.flatness_table):
             if table is not None:
                 curve(table)  # now, not when a sample waits
@@ -105,23 +109,31 @@ class TickMaker:
             self._layouts[azimuths] = HeadLayout(azimuths)
         return self._layouts[azimuths]
 
+    def unseen_orders(self, layout: HeadLayout) -> tuple[int, ...]:
+        """Harmonics of the graduation, up to `HIGHEST_ORDER`, that heads of a layout cannot contradict."""
+        if layout not in self._unseen_orders:
+            self._unseen_orders[layout] = layout.hidden_orders(HIGHEST_ORDER)
+        return self._unseen_orders[layout]
+
     def make_each(
         self,
         sampled: Mapping[str, Resampled],
         there: NDArray[np.int64],
         used: NDArray[np.int64],
         rates: Mapping[str, float],
+        described: Resampled | None = None,
     ) -> Ticks:
         """As `make`, where each of m ticks has streams of its own: (m,) masks of those that are there and used."""
         groups = set(zip(there.tolist(), used.tolist(), strict=True))
         if len(groups) == 1:
             (both,) = groups
-            return self.make(sampled, self._names(both[0]), self._names(both[1]), rates)
+            return self.make(sampled, self._names(both[0]), self._names(both[1]), rates, described)
         parts, places = [], []
         for both in groups:
             chosen = np.flatnonzero((there == both[0]) & (used == both[1]))
             some = {name: each.at(chosen) for name, each in sampled.items()}
-            parts.append(self.make(some, self._names(both[0]), self._names(both[1]), rates))
+            part = None if described is None else described.at(chosen)
+            parts.append(self.make(some, self._names(both[0]), self._names(both[1]), rates, part))
             places.append(chosen)
         return Ticks.joined(parts, np.argsort(np.concatenate(places)))
 
@@ -137,6 +149,7 @@ class TickMaker:
         there: tuple[str, ...],
         used: tuple[str, ...],
         rates: Mapping[str, float],
+        described: Resampled | None = None,
     ) -> Ticks:
         """Error motion at ticks at which the streams `there` have a value, from those of them that are `used`.
 
@@ -145,6 +158,7 @@ class TickMaker:
             there: streams that have a value at all of these ticks.
             used: those of them that are believed, as far as heads are meant.
             rates: samples per s of each stream.
+            described: where it is valid, what is described of the tilts that are read, interpolated as these are.
         """
         count = len(next(iter(sampled.values())).gain)
         motion, seen = ErrorMotion.unknown(count), np.zeros((count, len(evidence.COLUMNS)))
@@ -152,7 +166,7 @@ class TickMaker:
         if not self._heads and COMMAND in there:
             self._put_commanded(motion, seen, sampled[COMMAND].values)
             if AUTOCOLLIMATOR in there:
-                parts = self._tilt_parts(motion.theta, sampled[AUTOCOLLIMATOR], rates[AUTOCOLLIMATOR])
+                parts = self._tilt_parts(motion.theta, sampled[AUTOCOLLIMATOR], described, rates[AUTOCOLLIMATOR])
                 _put_tilt(motion, seen, parts)
         heads = tuple(name for name in self._heads if name in used)
         everyone = tuple(name for name in self._heads if name in there)
@@ -164,7 +178,7 @@ class TickMaker:
             tilt: TiltParts | None = None
             command: CommandParts | None = None
             if AUTOCOLLIMATOR in there:
-                tilt = self._tilt_parts(ring.theta, sampled[AUTOCOLLIMATOR], rates[AUTOCOLLIMATOR])
+                tilt = self._tilt_parts(ring.theta, sampled[AUTOCOLLIMATOR], described, rates[AUTOCOLLIMATOR])
             if COMMAND in there:
                 bends = np.concatenate([sampled[name].bend for name in (*heads, COMMAND)], axis=1)
                 command = CommandParts(sampled[COMMAND].values[:, 0], bends)
@@ -244,12 +258,19 @@ class TickMaker:
         reading = ring.covariance[:, 0, 0] / (layout.weights[0] ** 2).sum()
         return np.asarray(reading * self._stage.ring.disc_radius**2 * (layout.view[0] ** 2).sum(axis=1).max())
 
-    def _tilt_parts(self, theta: NDArray[np.float64], sampled: Resampled, rate: float) -> TiltParts:
+    def _tilt_parts(
+        self, theta: NDArray[np.float64], sampled: Resampled, described: Resampled | None, rate: float
+    ) -> TiltParts:
         """What the autocollimator shows that gives so many samples per s."""
         stage = self._stage
+        motion, bend = planar_sum(stage.spindle.tilt, theta), sampled.bend
         tilt = remove_mirror(sampled.values, theta, stage.mirror)
-        surplus = tilt - planar_sum(stage.spindle.tilt, theta)
-        variance = tilt_variance(stage.tilt_instrument, sampled.gain[:, None], sampled.travel, sampled.bend)
+        surplus = tilt - motion
+        if described is not None:
+            own = described.valid[:, None]
+            surplus = np.where(own, sampled.values - described.values, surplus)
+            tilt, bend = np.where(own, surplus + motion, tilt), np.where(own, bend - described.bend, bend)
+        variance = tilt_variance(stage.tilt_instrument, sampled.gain[:, None], sampled.travel, bend)
         return TiltParts(sampled.values, tilt, surplus, variance, min(1.0, rate * self._period))
 
 

@@ -13,8 +13,7 @@ from rotary_error_monitor.metrology.description_check import DARK, MIRRORED, Cla
 from rotary_error_monitor.metrology.repeated_readings import run_by_chance
 from rotary_error_monitor.pipeline.evidence import LONG, SHORT, SIGMAS, Reach, Window, Windows
 from rotary_error_monitor.pipeline.head_belief import AGREEMENT, distance
-from rotary_error_monitor.pipeline.stream_limits import described_tilts
-from rotary_error_monitor.pipeline.tilt_look import Look, bounds_of, mean_of, mean_part, missed_by
+from rotary_error_monitor.pipeline.tilt_look import Look, bounds_of, mean_of
 from rotary_error_monitor.pipeline.trailing import Trailing
 from rotary_error_monitor.pipeline.usual_level import UsualLevel
 
@@ -56,7 +55,6 @@ class TiltBelief:
         """Judge of the autocollimator of a stage."""
         self._instrument, self._limits = stage.autocollimator or ABSENT, stage.limits
         self._anywhere = Reach(0.0, 0.0, 2.0 * stage.limits.tilt)
-        self._path = None if stage.autocollimator is None else described_tilts(stage)
         self._equal_run = run_by_chance(self._instrument.noise, self._instrument.resolution, components=2)
         self._noise = noise = math.hypot(self._instrument.noise, self._instrument.resolution / math.sqrt(12.0))
         stated = stage.uncertainty.get("mirror.tilt")
@@ -136,7 +134,7 @@ class TiltBelief:
         readings = [last.reading, *windows.pairs("tilt")]
         surplus = [last.surplus, *windows.pairs("tilt_surplus")]
         least = self._noise / math.sqrt(max(1.0, windows.ticks * max(windows.mean.tilt_samples)))
-        allowed = self._step_allowed(duration, SIGMAS * _ROOT * math.hypot(least, self._drift(duration)))
+        allowed = self._step_allowed(duration, math.hypot(least, self._drift(duration)))
         return (
             all(one != other for one, other in pairwise(readings))
             and all(distance(one, other) <= allowed for one, other in pairwise(surplus))
@@ -182,18 +180,13 @@ class TiltBelief:
 
     def _settle(self, duration: float) -> None:
         """How sure the tilt is, and where it can be next."""
-        here = self._here
-        missed = missed_by(self._path, self._last, here)
-        self._last = here
+        here = self._last = self._here
         if not self.doubt:
             self._recent.append(here.surplus)
-        # a wave is on the average half of what it can be, over its phases and from one reading to the next
-        deviation = math.sqrt(here.variance)
-        noise_scale = max(self._noise_scale, math.hypot(min(1.0, self._noise_scale), 0.5 * missed / deviation))
-        self.scale = math.hypot(noise_scale, self._unseen(duration) / deviation)
+        self.scale = math.hypot(self._noise_scale, self._unseen(duration) / math.sqrt(here.variance))
         # one tick is less sure than the mean of a window, and may be a window and a half away
-        tick = math.sqrt(1.0 + max(1.0, here.samples))
-        reach = 1.5 * self._limits.tilt_rate * duration + self._jumps((tick, 1.0), missed)
+        noise = math.hypot(self._deviation * math.sqrt(1.0 + max(1.0, here.samples)), self._drifted)
+        reach = 1.5 * self._limits.tilt_rate * duration + SIGMAS * noise
         self.reach = Reach(*here.surplus, reach)
 
     def _conclude(self, duration: float, wrong: str, step: str) -> None:
@@ -279,25 +272,14 @@ class TiltBelief:
             return ""
         passed = (self._here.number - last.number) * duration
         step = distance(self._here.surplus, last.surplus)
-        missed = missed_by(self._path, last, self._here) * mean_part(self._here.samples)
-        if step <= self._step_allowed(passed, self._jumps((_ROOT, _ROOT), missed)):
+        if step <= self._step_allowed(passed, math.hypot(self._deviation, self._drifted)):
             return ""
         self._size = step
         return f"a step of {step * 1e6:.3g} µrad within {passed * 1e3:.3g} ms that no bearing makes"
 
-    def _step_allowed(self, passed: float, jumps: float) -> float:
-        """Largest step of the tilt within a time (s) that a bearing makes, and what else jumps (rad), rad."""
-        return self._limits.tilt_rate * passed + jumps
-
-    def _jumps(self, times: tuple[float, float], missed: float) -> float:
-        """Largest jump of noise and turbulence, so many `times` those of a window, or by what is missed, rad.
-
-        Noise as it is measured holds what is missed as well once the speed has been as high for a while.
-        """
-        usual = min(1.0, self._noise_scale) * self._here.stated
-        drifted = times[1] * self._drifted
-        noise, least = (SIGMAS * math.hypot(times[0] * each, drifted) for each in (self._deviation, usual))
-        return max(noise, least + 2.0 * missed)
+    def _step_allowed(self, passed: float, noise: float) -> float:
+        """Largest step of the tilt within a time (s) that bearing and noise of a standard deviation make, rad."""
+        return self._limits.tilt_rate * passed + SIGMAS * _ROOT * noise
 
     def _beyond(self) -> str:
         surplus = math.hypot(*self._here.surplus)

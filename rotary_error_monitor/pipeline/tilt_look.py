@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from rotary_error_monitor.metrology.agreement import chi_square_bound
-from rotary_error_monitor.signals.described_path import DescribedPath
 
 
 class Look(NamedTuple):
@@ -30,24 +29,6 @@ class Look(NamedTuple):
     apart: int
     stated: float
     variance: float
-
-
-def missed_by(path: DescribedPath | None, last: Look | None, here: Look) -> float:
-    """What interpolation misses at most of a described path, rad, at the speed up to this window; none without a path.
-
-    While a rotor turns by a large part of a turn from one reading to the next, high orders go round by half a one.
-    """
-    if path is None or last is None or not here.samples > 0.0:
-        return 0.0
-    return path.missed((here.theta - last.theta) / ((here.number - last.number) * here.samples))
-
-
-def mean_part(samples: float) -> float:
-    """Part of the most that interpolation misses which the mean of a window of so many readings has.
-
-    Between two readings it goes as x (1 - x): of its mean over the middle part r of that is left 1 - r²/3.
-    """
-    return 1.0 - min(samples, 1.0) ** 2 / 3.0
 
 
 def bounds_of(counts: Sequence[int], spans: int, each: float, apart: int) -> list[float]:

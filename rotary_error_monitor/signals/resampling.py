@@ -50,6 +50,12 @@ class Resampled:
     bend: Array
     valid: Mask
 
+    @staticmethod
+    def nothing(count: int, size: int) -> Resampled:
+        """Of so many ticks none is valid."""
+        values, travel, bend = (np.zeros((count, size)) for _ in range(3))
+        return Resampled(values, np.ones(count), travel, bend, np.zeros(count, np.bool_))
+
     def at(self, chosen: NDArray[np.int64]) -> Resampled:
         """The same at some of the ticks."""
         return Resampled(
@@ -147,9 +153,7 @@ class _Cells:
 
 def _spread(part: Resampled, chosen: Mask) -> Resampled:
     """A result for all ticks of which only the chosen ones are filled."""
-    m, k = len(chosen), part.values.shape[1]
-    whole = Resampled(np.zeros((m, k)), np.ones(m), np.zeros((m, k)), np.zeros((m, k)), np.zeros(m, np.bool_))
-    return _merged(whole, part, chosen)
+    return _merged(Resampled.nothing(len(chosen), part.values.shape[1]), part, chosen)
 
 
 def _merged(whole: Resampled | None, part: Resampled, chosen: Mask) -> Resampled:
@@ -184,8 +188,7 @@ def _interpolate(times_ns: Times, values: Array, ticks_ns: Times, max_gap_ns: in
     """Cubic through the four samples around each tick (Lagrange's form)."""
     m, k = len(ticks_ns), values.shape[1]
     if len(times_ns) < 4:
-        nothing = np.zeros((m, k))
-        return Resampled(nothing, np.ones(m), nothing.copy(), nothing.copy(), np.zeros(m, np.bool_))
+        return Resampled.nothing(m, k)
     after = np.searchsorted(times_ns, ticks_ns, side="right")
     inside = (after >= 2) & (after + 1 < len(times_ns))
     first = np.clip(after - 2, 0, len(times_ns) - 4)

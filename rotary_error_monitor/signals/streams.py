@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from statistics import median
 
@@ -244,3 +244,23 @@ class SampleStream:
         if lost or is_long or newest is None:
             usable = first + self.patience_ns if is_long else first
             self._gaps.append(Gap(last, first, usable, round(2 * self._spacing_ns)))
+
+
+def after_pause(streams: Iterable[SampleStream], tick: int, limit: int, period_ns: int, joined_ns: int) -> int:
+    """The next tick from `tick` on, before `limit`, near which there are samples; without any `limit`.
+
+    Args:
+        streams: of which there may be samples.
+        tick: number of a tick.
+        limit: of another one.
+        period_ns: distance of two ticks, ns.
+        joined_ns: how far apart samples may be that are joined, ns.
+    """
+    begin_ns, nearest = tick * period_ns, limit
+    reach = joined_ns // period_ns + 1
+    for stream in streams if tick < limit else ():  # live there is none behind it
+        times = stream.times_ns
+        place = int(np.searchsorted(times, begin_ns - joined_ns))
+        if place < len(times):
+            nearest = min(nearest, int(times[place]) // period_ns - reach)
+    return max(tick, nearest)

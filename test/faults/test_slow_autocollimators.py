@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
+import pytest
 from draws import seeds
 from world import FAULTS, Options, Recording, make_recording, random_stage, with_probes
 from world.recording import AUTOCOLLIMATOR
@@ -67,16 +68,19 @@ def test_high_orders_are_no_step_while_the_speed_rises():
     assert not any("step" in why for why in steps.values()), steps
     assert np.mean([each.worst for each in found.values()]) <= MOST_WRONG
     assert np.mean([each.available["eac"] for each in found.values()]) > 0.85
+    # the described orders are as large as 20 µrad, those that are not described some of it
+    assert np.median([each.largest["eac"] for each in found.values()]) < 1e-5
 
 
-def test_a_step_of_such_an_autocollimator_is_told():
-    """One of 0.2 mrad: not where the described orders of a stage are nearly as large, or its tilt is not published."""
+@pytest.mark.parametrize(("size", "least"), [(3e-5, 0.6), (2e-4, 0.8)])
+def test_a_step_of_such_an_autocollimator_is_told(size, least):
+    """One of 0.2 mrad, or its tilt is not published; also one about as large as what is described of high orders."""
     wrong, told = [], []
     for seed in seeds(24):
         recording = of_high_order(seed)
-        stepped = FAULTS["autocollimator_stepped"](recording, np.random.default_rng(seed), size=2e-4)
+        stepped = FAULTS["autocollimator_stepped"](recording, np.random.default_rng(seed), size=size)
         found = judge(stepped.recording, recording.stage)
         told.append("autocollimator" in found.doubted)
         wrong.append(found.worst)
-    assert np.mean(told) > 0.8, told
-    assert np.mean(wrong) <= MOST_WRONG, wrong
+    assert np.mean(told) > least, told
+    assert size < 2e-4 or np.mean(wrong) <= MOST_WRONG, wrong

@@ -200,15 +200,22 @@ def test_a_signal_that_begins_to_move_loses_next_to_nothing(jolt):
         assert admission.refused[SPIKE] <= 2
 
 
-def speeding_up(seed):
-    """Times and readings of a rotor that speeds up and turns back between few samples a turn, limits, a generator."""
+def turned(seed):
+    """Times and angles of a rotor that speeds up and turns back between few samples a turn, a size, a generator."""
     generator = np.random.default_rng(seed)
     rate, size = generator.uniform(52.0, 90.0), math.exp(generator.uniform(math.log(2e-5), math.log(5e-4)))
     steady = generator.choice([-1.0, 1.0]) * generator.uniform(35.0, 60.0)
     ramp = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, round(rate * abs(steady) / generator.uniform(50.0, 400.0))))
     speed = np.concatenate([np.zeros(40), steady * ramp, [steady] * 60, steady * (1.0 - 2.0 * ramp), [-steady] * 60])
-    values = shown(size, generator.uniform(0.0, TURN) + np.cumsum(speed) / rate)
+    angle = generator.uniform(0.0, TURN) + np.cumsum(speed) / rate
     times = np.round(np.arange(len(speed)) / rate * 1e9).astype(np.int64)
+    return times, angle, size, generator
+
+
+def speeding_up(seed):
+    """Times and readings of a rotor that speeds up and turns back between few samples a turn, limits, a generator."""
+    times, angle, size, generator = turned(seed)
+    values = shown(size, angle)
     return times, values + generator.normal(0.0, TILT.noise, values.shape), along(size), generator
 
 
@@ -232,6 +239,39 @@ def test_of_few_samples_in_a_turn_the_same_spikes_are_left_out_with_a_descriptio
         kept = [admit(Admission(replace(limits, path=path)), times, values)[0] for path in (limits.path, None)]
         spikes = times[[15, 25, 35, -50, -30, -10]]
         np.testing.assert_array_equal(*(np.intersect1d(each, spikes) for each in kept))
+
+
+def crossing(seed):
+    """The same of a mirror whose readings cross themselves many times in a turn, and spikes."""
+    times, angle, _, generator = turned(seed)
+    (small, large), order = generator.uniform((2e-6, 1e-5), (1e-5, 2e-5)), int(generator.integers(5, 10))
+
+    def shows(at):
+        return np.stack([wave(at) * small + wave(order * at) * large for wave in (np.cos, np.sin)], axis=1)
+
+    limits = replace(TILT, noise=3e-7, path=DescribedPath(shows(np.arange(PLACES) * (TURN / PLACES))))
+    return times, shows(angle) + generator.normal(0.0, 3e-7, (len(times), 2)), limits
+
+
+def test_readings_that_may_stand_at_many_places_of_their_curve_are_no_spikes():
+    sound, without, total = 0, 0, 0
+    for seed in range(60):
+        times, values, limits = crossing(seed)
+        for path in (limits.path, None):
+            admission = Admission(replace(limits, path=path))
+            admit(admission, times, values)
+            sound += admission.refused[SPIKE] * (path is not None)
+            without += admission.refused[SPIKE] * (path is None)
+        total += len(times)
+    assert without > 1e-3 * total
+    assert sound <= 0.1 * without, (sound, without, total)
+
+
+def test_a_point_is_a_path_as_well():
+    times, values, limits = crossing(0)
+    admission = Admission(replace(limits, path=DescribedPath(np.zeros((PLACES, 2)))))
+    admit(admission, times, values)
+    assert not DescribedPath(np.zeros((PLACES, 2))).goes_on(values[None, :3], np.array([1.0])).any()
 
 
 @settings(deadline=None, max_examples=60)

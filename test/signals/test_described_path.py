@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from scipy.interpolate import BarycentricInterpolator
 
-from rotary_error_monitor.signals.described_path import MOST, PLACES, DescribedPath
+from rotary_error_monitor.signals.described_path import PLACES, DescribedPath
 from rotary_error_monitor.units import TURN
 
 THETA = np.linspace(0.0, TURN, PLACES, endpoint=False)
@@ -25,25 +27,22 @@ def missed_of(order: int, turned: float) -> float:
 
 
 @pytest.mark.parametrize("order", [1, -2, 5, 9])
-@pytest.mark.parametrize("readings", [400.0, 30.0, 9.0, 6.5])
-def test_what_a_cubic_misses_of_a_wave_is_bounded(order, readings):
-    """At this speed, and by no more than at any speed up to the next place of a turn."""
-    turned = TURN / readings
-    bound = DescribedPath(wave(order, 3e-6)).missed(turned)
-    slower = np.linspace(0.01 * turned, turned + TURN / PLACES, 300)
-    assert 3e-6 * missed_of(order, turned) <= 1.001 * bound + 1e-15
-    assert bound <= 3e-6 * 1.001 * max(missed_of(order, each) for each in slower) + 1e-15
+@pytest.mark.parametrize("part", [1e-6, 1e-3, 0.1, 1.0, 1.9])
+def test_a_cubic_follows_a_wave_up_to_an_angle(order, part):
+    """Up to it no more is missed, and before the next place of a turn more is."""
+    angle, step = DescribedPath(wave(order, 3e-6)).followed(3e-6 * part), TURN / PLACES
+    assert max(missed_of(order, each) for each in np.linspace(0.1 * angle, angle, 100)) <= 1.001 * part
+    assert max(missed_of(order, each) for each in np.linspace(angle, angle + step, 20)) >= 0.999 * part
 
 
 def test_of_all_orders_what_is_missed_adds_up():
-    both = DescribedPath(wave(1, 5e-6) + wave(7, 1e-6) + 1.0)
-    apart = sum(DescribedPath(wave(order, size)).missed(0.8) for order, size in ((1, 5e-6), (7, 1e-6)))
-    np.testing.assert_allclose(both.missed(0.8), apart, rtol=1e-6)
-    np.testing.assert_allclose(both.missed(-0.8), apart, rtol=1e-6)
+    angle = DescribedPath(wave(1, 5e-6) + wave(7, 1e-6) + 1.0).followed(3e-7)
+    missed = [5e-6 * missed_of(1, each) + 1e-6 * missed_of(7, each) for each in (angle, angle + TURN / PLACES)]
+    assert missed[0] <= 1.001 * 3e-7 <= 1.002 * missed[1]
 
 
-def test_at_rest_nothing_is_missed_and_beyond_a_turn_all():
-    path = DescribedPath(wave(2, 1e-6))
-    assert path.missed(0.0) == 0.0
-    np.testing.assert_allclose(path.missed(10.0), MOST * 1e-6)
-    assert DescribedPath(np.zeros((PLACES, 2))).missed(1.0) == 0.0
+def test_what_is_small_enough_is_followed_at_any_speed():
+    """A cubic misses twice the amplitude of a wave that goes round once from one reading to the next."""
+    assert DescribedPath(wave(2, 1e-6)).followed(2.01e-6) == math.inf
+    assert DescribedPath(wave(2, 1e-6)).followed(1.99e-6) < TURN
+    assert DescribedPath(np.zeros((PLACES, 2))).followed(1e-9) == math.inf
