@@ -6,6 +6,7 @@ described is known. So it is taken off each reading at its own rotation; what is
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
@@ -19,6 +20,7 @@ from rotary_error_monitor.pipeline.command_belief import ACCELERATION
 from rotary_error_monitor.pipeline.estimator_settings import LONGEST_GAP_NS
 from rotary_error_monitor.pipeline.stream_limits import described_tilt, described_tilts
 from rotary_error_monitor.pipeline.ticks import AUTOCOLLIMATOR, COMMAND
+from rotary_error_monitor.signals.blocks import NANOSECONDS
 from rotary_error_monitor.signals.resampling import Resampled, resample, resample_all
 from rotary_error_monitor.signals.streams import SampleStream
 from rotary_error_monitor.units import TURN
@@ -66,6 +68,14 @@ class DescribedReadings:
         if instrument is not None:
             path = streams[AUTOCOLLIMATOR].admission.limits.path or described_tilts(stage)
             self._followed = path.followed(PART * float(np.hypot(instrument.noise, instrument.resolution)))
+        self._near_ns = self._followed_for(self._fastest) * NANOSECONDS
+        self._are_near = True
+
+    def look(self) -> None:
+        """See whether all readings in memory follow so soon that no rotor of the stage turns too far between them."""
+        if self._near_ns < np.inf:
+            times = self._streams[AUTOCOLLIMATOR].times_ns
+            self._are_near = bool((times[1:] - times[:-1]).max(initial=0) < self._near_ns)
 
     def count_known(
         self, ticks: NDArray[np.int64], sampled: Mapping[str, Resampled], decided: Mapping[str, int]
@@ -78,9 +88,11 @@ class DescribedReadings:
             decided: tick before which the values of a stream are known, by name, of those that are waited for.
         """
         sources = [name for name in self._sources if name in decided]
+        if self._are_near or not sources:
+            return len(ticks)
         apart = self._apart(ticks)
         waits = self._is_far(self._fastest, apart)
-        if not (sources and waits.any()):
+        if not waits.any():
             return len(ticks)
         waits &= sampled[AUTOCOLLIMATOR].valid
         until_ns = (min(decided[name] for name in sources) - 1) * self._period_ns + self._period_ns // 2
@@ -95,18 +107,18 @@ class DescribedReadings:
     def needed_from_ns(self, tick: int) -> int:
         """Timestamp (ns) from which on the ticks from `tick` on need the samples that tell the rotation."""
         begin_ns = tick * self._period_ns
-        if self._followed == np.inf:
+        if self._are_near:
             return begin_ns
         times = self._streams[AUTOCOLLIMATOR].times_ns
         first = int(np.searchsorted(times, begin_ns)) - _LAST
         if not 0 <= first < len(times) - 1:
             return begin_ns
-        apart = float(np.diff(times[first:]).max()) * 1e-9
-        return int(times[first]) - 2 * self._period_ns if self._is_far(self._fastest, apart) else begin_ns
+        apart_ns = (times[first + 1 :] - times[first:-1]).max()
+        return int(times[first]) - 2 * self._period_ns if apart_ns > self._near_ns else begin_ns
 
     def at(
         self, ticks: NDArray[np.int64], sampled: Mapping[str, Resampled], used: NDArray[np.int64], max_gap_ns: int
-    ) -> tuple[Resampled | None, NDArray[np.int64]]:
+    ) -> tuple[Resampled | None, NDArray[np.int64] | None]:
         """What is described of the readings, interpolated to ticks (m,) as they are, by the streams that are `used`.
 
         Args:
@@ -117,8 +129,11 @@ class DescribedReadings:
 
         Returns:
             What is described, valid where it is to be taken off what is read, None where interpolation follows it at
-            all ticks; and (m,) the autocollimator's bit where it is not known though interpolation misses too much.
+            all ticks; and (m,) the autocollimator's bit where it is not known though interpolation misses too much,
+            None where that is nowhere.
         """
+        if self._are_near:
+            return None, None
         found, lacking = None, np.zeros(len(ticks), np.int64)
         apart = self._apart(ticks)
         far = (used & self._bit != 0) & self._is_far(self._fastest, apart)
@@ -135,13 +150,18 @@ class DescribedReadings:
                 lacking[chosen & ~found.valid] = self._bit
         return found, lacking
 
+    def _followed_for(self, speed: float) -> float:
+        """Time, s, between readings up to which a rotor turns no too far, of a speed, rad/s: as `_is_far` has it."""
+        root = math.sqrt(speed**2 + 8.0 * ACCELERATION * self._followed) if self._followed < np.inf else np.inf
+        return (root - speed) / (4.0 * ACCELERATION)
+
     def _is_far(self, speed: float | Array, apart: float | Array) -> Mask:
         """Whether a rotor turns too far in times, s, about one at which it has a speed, rad/s: it may accelerate."""
         return np.asarray((speed + 2.0 * ACCELERATION * apart) * apart > self._followed)
 
     def _apart(self, ticks: NDArray[np.int64]) -> Array:
         """(m,) largest distance of the readings that ticks rest on, s; 0 where there are too few."""
-        times = self._streams[AUTOCOLLIMATOR].times_ns if self._followed < np.inf else np.empty(0, np.int64)
+        times = self._streams[AUTOCOLLIMATOR].times_ns
         if len(times) <= _LAST:
             return np.zeros(len(ticks))
         first = _first_of(times, ticks)

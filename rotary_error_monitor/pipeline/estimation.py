@@ -245,6 +245,7 @@ class Estimator:
             return []
         found = []
         decided = {} if last else {name: self._decided[name] for name in present}
+        self._described.look()
         while self._next < limit:
             parts, count = self._compute(self._next, min(limit - self._next, CHUNK), decided)
             if count == 0:
@@ -339,7 +340,8 @@ class Estimator:
             there[place] &= decision.streams | self.belief.left_out | ~self._head_bits
         rates = {name: stream.rate for name, stream in self._streams.items()}
         described, lacking = self._described.at(ticks, sampled, used, self._joined_ns)
-        there, used = there & ~lacking, used & ~lacking
+        if lacking is not None:
+            there, used = there & ~lacking, used & ~lacking
         motion, evidence, disagreement, redundancy = self._make(sampled, there, used, first, rates, described)
         verdicts, done = self.belief.assess(evidence)
         believed = Believed(verdicts)
