@@ -168,10 +168,10 @@ def odds_of_slips(problem: Problem, fit: Fit) -> tuple[float, ...]:
     causes; -inf where a cause does not jump at reversals.
     """
     found = [-np.inf] * len(fit.causes)
+    if not isinstance(problem, Reversing):
+        return tuple(found)
     kinds = {(own.cause, kind) for own in fit.departures for kind in own.kinds}
     for place in range(len(found)):
-        if not isinstance(problem, Reversing):
-            break
         log_priors, slips = problem.slipped(place, fit.causes)
         if not len(log_priors):
             continue

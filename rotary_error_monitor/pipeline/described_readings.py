@@ -151,7 +151,7 @@ class DescribedReadings:
         return found, lacking
 
     def _followed_for(self, speed: float) -> float:
-        """Time, s, between readings up to which a rotor turns no too far, of a speed, rad/s: as `_is_far` has it."""
+        """Time, s, between readings up to which a rotor of a speed, rad/s, does not turn too far."""
         root = math.sqrt(speed**2 + 8.0 * ACCELERATION * self._followed) if self._followed < np.inf else np.inf
         return (root - speed) / (4.0 * ACCELERATION)
 

@@ -56,11 +56,12 @@ def test_a_replay_by_tables_is_that_by_harmonics(recorded: Any) -> None:
     apart = np.abs(by_orders.error_motion - by_tables.error_motion)
     assert 0 < apart[:, :2].max() <= 0.1 * drawn.ring_bound
     assert 0 < apart[:, 3:5].max() <= drawn.mirror_bound
-    one, other = by_orders.motion.covariance, by_tables.motion.covariance
+    one, other = by_orders.motion.covariance.copy(), by_tables.motion.covariance
     # what interpolation of readings misses counts in the tilt's variance: of the described part it is the tables'
     sure, also = (np.sqrt(np.diagonal(each, axis1=1, axis2=2)[:, 3:5]) for each in (one, other))
     assert np.abs(sure - also).max() <= 0.01 * drawn.mirror_bound
-    np.testing.assert_allclose(one, other, rtol=3e-3, atol=1e-24)
+    one[:, [3, 4], [3, 4]] = other[:, [3, 4], [3, 4]]
+    np.testing.assert_allclose(one, other, rtol=1e-3, atol=1e-24)
 
 
 def test_a_live_run_in_other_blocks_gives_the_same_bits(recorded: Any) -> None:
