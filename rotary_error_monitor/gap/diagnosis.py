@@ -17,8 +17,9 @@ from rotary_error_monitor.gap.fitting import Fit
 from rotary_error_monitor.gap.judgement import judge
 from rotary_error_monitor.gap.options import FALSE_ALARMS, MOST_CAUSES
 from rotary_error_monitor.gap.p_values import LEAST_LOG_P_VALUE
-from rotary_error_monitor.gap.posterior import departures_of, odds_of_slips
+from rotary_error_monitor.gap.posterior import departures_of
 from rotary_error_monitor.gap.problem import DiagnosableProblem, Finding, Share
+from rotary_error_monitor.gap.reversals import odds_of_slips
 from rotary_error_monitor.gap.selection import select_causes
 from rotary_error_monitor.gap.shrink import Gap, measure_gap
 from rotary_error_monitor.gap.steps import Selection

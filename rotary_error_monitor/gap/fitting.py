@@ -22,7 +22,7 @@ from rotary_error_monitor.gap.normal import (
     subtract,
     width_of,
 )
-from rotary_error_monitor.gap.problem import Columns, Problem, Rows, SparseRows
+from rotary_error_monitor.gap.problem import Columns, LateRows, Problem, Rows, SparseRows
 from rotary_error_monitor.twin.finite import UnpredictableError
 
 MOST_STEPS = 6
@@ -158,6 +158,15 @@ def fit_causes(
     return Fit(
         fitted, spread, data, uncertain, moved[0], columns, rest, blocks, tuple(departures), moved[1], sizes=sizes
     )
+
+
+def stacked_beside(problem: Problem, fit: Fit, columns: Sequence[Columns]) -> BlockNormal:
+    """Normal equations of all that is fitted, and then of columns; of a long recording as one block."""
+    fitted = [fit.nuisance, *fit.columns, *(d.columns for d in fit.departures)]
+    if isinstance(fit.nuisance, LateRows):  # those of all blocks would fill the memory
+        known = fit.blocks.gram.sum(axis=0)[None]
+        return stack(problem, fit.data, [*fitted, *columns], known, problem.conditions.as_one())
+    return stack(problem, fit.data, [*fitted, *columns], fit.blocks.gram)
 
 
 def _sizes(problem: Problem, columns: Sequence[Columns], departing: Sequence[Columns]) -> Array | None:

@@ -18,12 +18,12 @@ from scipy.special import expit
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.gap.departures import SHARE, Departing, FittedDepartures
-from rotary_error_monitor.gap.fitting import Fit, KnownProducts, fit_causes
+from rotary_error_monitor.gap.fitting import Fit, KnownProducts, fit_causes, stacked_beside
 from rotary_error_monitor.gap.hypotheses import price_of
-from rotary_error_monitor.gap.normal import BlockNormal, Normal, combine, solve_scaled, stack, width_of
-from rotary_error_monitor.gap.problem import Columns, Finding, LateRows, Problem, Rows
+from rotary_error_monitor.gap.normal import Normal, combine, solve_scaled, width_of
+from rotary_error_monitor.gap.problem import Columns, Finding, Problem, Rows
 from rotary_error_monitor.gap.proportion import amplitudes_of, log_odds_in_proportion, price_of_departures
-from rotary_error_monitor.gap.reversals import Reversing, log_odds_of_slips
+from rotary_error_monitor.gap.reversals import odds_of_slips
 
 FREE = 3
 """Directions beside that of a cause in which something unknown may lie.
@@ -163,26 +163,6 @@ def is_likelier_instead(posterior: Posterior) -> bool:
     return any(value > _prior_of_known(posterior) for value in posterior.instead)
 
 
-def odds_of_slips(problem: Problem, fit: Fit) -> tuple[float, ...]:
-    """Logarithm of the marginal likelihood of what slipped once, for good, in the place of each cause, over that of the
-    causes; -inf where a cause does not jump at reversals.
-    """
-    found = [-np.inf] * len(fit.causes)
-    if not isinstance(problem, Reversing):
-        return tuple(found)
-    kinds = {(own.cause, kind) for own in fit.departures for kind in own.kinds}
-    for place in range(len(found)):
-        log_priors, slips = problem.slipped(place, fit.causes)
-        if not len(log_priors):
-            continue
-        total = _stacked_beside(problem, replace(fit, data=problem.residual(fit.causes)), [slips]).total()
-        departing = [own.cause for own in fit.departures for _ in own.kinds]
-        found[place] = log_odds_of_slips(total, len(fit.nuisance_values), fit.causes, departing, place, log_priors)
-        # A slip does without the departures of the cause, and what their choice costs.
-        found[place] -= fit.log_prior * sum(cause == place for cause, _ in kinds) / max(len(kinds), 1)
-    return tuple(found)
-
-
 def _proportional(fit: Fit) -> tuple[float, ...]:
     return fit.proportional or (-np.inf,) * len(fit.causes)
 
@@ -272,7 +252,7 @@ def with_departures(problem: Problem, fit: Fit, false_alarms: float = 1.0) -> Fi
     offered = [d for d in problem.departures(fit.causes) if d.kinds] if isinstance(problem, Departing) else []
     if not offered:
         return fit
-    stacked = _stacked_beside(problem, fit, [d.columns for d in offered])
+    stacked = stacked_beside(problem, fit, [d.columns for d in offered])
     labels, total = [(k, kind) for k, d in enumerate(offered) for kind in d.kinds], stacked.total()
     likeliest, _ = likeliest_kinds(*_integrated(fit, total), labels, -float(np.log(false_alarms)))
     chosen = set(labels) & likeliest
@@ -308,22 +288,13 @@ def marginal_likelihood(fit: Fit) -> float:
 
 def reductions_beside(problem: Problem, fit: Fit, columns: Columns) -> tuple[Powers, int]:
     """Squares that columns take away of what a fit leaves, by channel, and the number of columns that show."""
-    gram, moment = _integrated(fit, _stacked_beside(problem, fit, [columns]).total())
+    gram, moment = _integrated(fit, stacked_beside(problem, fit, [columns]).total())
     shown = np.diag(gram) > 0
     amplitudes = np.zeros(len(moment))
     amplitudes[shown] = solve_scaled(gram[np.ix_(shown, shown)], moment[shown])
     taken = combine(problem, [columns], [amplitudes])
     reductions = {channel: max(float(np.sum(rows * fit.rest[channel])), 0.0) for channel, rows in taken.items()}
     return reductions, max(int(shown.sum()), 1)
-
-
-def _stacked_beside(problem: Problem, fit: Fit, columns: Sequence[Columns]) -> BlockNormal:
-    """Normal equations of all that is fitted, and then of columns; of a long recording as one block."""
-    fitted = [fit.nuisance, *fit.columns, *(d.columns for d in fit.departures)]
-    if isinstance(fit.nuisance, LateRows):  # those of all blocks would fill the memory
-        known = fit.blocks.gram.sum(axis=0)[None]
-        return stack(problem, fit.data, [*fitted, *columns], known, problem.conditions.as_one())
-    return stack(problem, fit.data, [*fitted, *columns], fit.blocks.gram)
 
 
 def _integrated(fit: Fit, total: Normal) -> tuple[Array, Array]:

@@ -137,6 +137,11 @@ class StageNoise:
             self._slow[instrument] = courses
         self._kept_slow.clear()
 
+    @property
+    def has_slow_noise(self) -> bool:
+        """Whether any instrument has."""
+        return bool(self._slow)
+
     def slow_remarks(self) -> list[str]:
         """How large the slow noise of each instrument is."""
         found = []

@@ -22,9 +22,6 @@ TRAVELS = tuple(float(np.pi / 2**k) for k in range(1, 7))
 In two-fold steps: what is taken up over a travel between two of them is a sum of theirs to half a per cent.
 """
 
-MOMENTS = 40
-"""Parts of the recording between which something may slip: a moment between is told by those next to it."""
-
 RELEASES = (np.inf, 2.0, 0.5, 0.125)
 """s within which what is displaced creeps back at rest, in four-fold steps; or it stays."""
 
@@ -106,16 +103,6 @@ class Play:
             speeds = np.abs(np.asarray(self.inputs.omega(np.array([last - STEP, last])), np.float64))
             found.append((last - STEP * float(speeds[1] / speeds.sum()),))
         return found
-
-    def slips(self) -> tuple[Array, Array]:
-        """(m,) moments at which something may slip for good, s, and the logarithm of the probability of each.
-
-        A drive turns its force over at reversals: a slip at one of them is as likely as at all other moments together.
-        """
-        turning = np.concatenate([np.zeros(0), *self.reversals])
-        others = self.duration * np.arange(1, MOMENTS) / MOMENTS
-        counts = [len(own) for own in (turning, others)]
-        return np.concatenate([turning, others]), -np.log(np.repeat([2.0 * count for count in counts], counts))
 
     def since(self, moments: Array, time: Array) -> Array:
         """(n, m) the side that was taken last, from each moment on; 0 before it."""

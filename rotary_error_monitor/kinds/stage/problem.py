@@ -234,16 +234,18 @@ class StageProblem:
             proportional.get(next(reversed(signatures), ""), ()),
         )
 
-    def slipped(self, place: int, causes: Sequence[Cause]) -> tuple[Array, Columns]:
+    def turning(self, cause: Cause) -> tuple[Array, float]:
         """As `Reversing` asks."""
-        if not self.play.reversals or not self._modulations.jumps(causes[place]):
-            return np.zeros(0), {}
-        moments, log_priors = self.play.slips()
+        found = self.play.reversals if self._modulations.jumps(cause) else []
+        return np.unique(np.concatenate([np.zeros(0), *found])), self.play.duration
+
+    def slipped(self, place: int, causes: Sequence[Cause], moments: Array) -> Columns:
+        """As `Reversing` asks."""
         stacked: Signals = {}
         for name, rows in self._staying(causes[place], causes).items():
             since = self.play.since(moments, self.twin.times[name])
             stacked[name] = (rows[:, :, None] * since[:, None, :, None]).reshape(*rows.shape[:2], -1)
-        return log_priors, self._white(stacked)
+        return self._white(stacked)
 
     def independent(self, cause: Cause) -> float:
         """As `Resembled` asks: of a wave on an arc fewer directions are."""
@@ -322,7 +324,7 @@ class StageProblem:
         check_stage(self.recording, raw, self.twin, self.effects, self.noise.std)
 
     def without_slow_noise(self, columns: Columns) -> Columns | None:
-        """Columns as beside white noise alone; None where that is what they are, and of a long recording."""
+        """Columns as beside white noise alone; None where that is what they are."""
         return self._learning.without_slow_noise(columns)
 
     def where(self, causes: Sequence[Cause], rest: Rows, explained: bool) -> list[Share]:

@@ -128,16 +128,19 @@ class LongStageProblem(StageProblem):
 
         return replace(first, columns=LateRows(len(first.kinds), rows_of))
 
-    def slipped(self, place: int, causes: Sequence[Cause]) -> tuple[Array, Columns]:
+    def turning(self, cause: Cause) -> tuple[Array, float]:
+        """As `Reversing` asks."""
+        return self._stretches[self._first_with(cause)].turning(cause)
+
+    def slipped(self, place: int, causes: Sequence[Cause], moments: Array) -> Columns:
         """As `Reversing` asks, made for one stretch at a time."""
-        log_priors, _ = self._stretches[self._first_with(causes[place])].slipped(place, causes)
 
         def rows_of(stretch: int) -> Rows | SparseRows:
-            _, made = self._open(stretch).slipped(place, causes)
+            made = self._open(stretch).slipped(place, causes, moments)
             assert not isinstance(made, LateRows)
             return made
 
-        return log_priors, LateRows(len(log_priors) * len(causes[place].effect.indices(Role.LINEAR)), rows_of)
+        return LateRows(len(moments) * len(causes[place].effect.indices(Role.LINEAR)), rows_of)
 
     def _first_with(self, cause: Cause) -> int:
         """The first stretch with a stream that a cause acts on: a sensor may begin late, or fall silent."""
@@ -154,6 +157,19 @@ class LongStageProblem(StageProblem):
     def nuisance(self, causes: Sequence[Cause]) -> Columns:
         """White rows of one standard uncertainty of each uncertain parameter."""
         return LateRows(self.nuisances, lambda i: self._open(i).own_nuisance(causes)) if self.nuisances else {}
+
+    def without_slow_noise(self, columns: Columns) -> Columns | None:
+        """Columns as beside white noise alone; None where that is what they are."""
+        if not isinstance(columns, LateRows) or not any(stretch.noise.has_slow_noise for stretch in self._stretches):
+            return None
+
+        def rows_of(stretch: int) -> Rows | SparseRows:
+            made = columns.of(stretch)
+            plain = self._open(stretch).without_slow_noise(made)
+            assert not isinstance(plain, LateRows)
+            return made if plain is None else plain
+
+        return LateRows(columns.width, rows_of)
 
     def learn_noise(self, causes: Sequence[Cause]) -> bool:
         """Estimate the jitter's spectrum again in each stretch; says whether it differs in any."""

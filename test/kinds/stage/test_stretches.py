@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from draws import seeds
+from kinds.stage.test_unknown import slipped_near_reversal
 
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.gap.diagnosis import diagnose
@@ -83,6 +85,30 @@ def test_the_verdict_is_that_of_the_whole(both, rough):
     assert np.all(np.abs(np.subtract(tilt.value, again.value)) < 2 * np.asarray(tilt.std))
     assert other.gap.shrink > 0.95
     assert one.where[0].channel.rpartition("_")[0] == other.where[0].channel.rpartition("_")[0]
+
+
+@pytest.mark.few(1)
+@pytest.mark.parametrize("seed", seeds(2, 7300))
+def test_what_slipped_once_is_no_backlash_in_stretches_either(monkeypatch, seed):
+    monkeypatch.setattr(stretches, "STRETCH", STRETCH)
+    whole, _ = slipped_near_reversal(seed, np.random.default_rng(seed).uniform(4.0, 16.0))
+    long = LongStageProblem(whole.stage, whole.recording, whole.effects)
+    assert diagnose(long).verdict is Verdict.UNKNOWN
+
+
+@pytest.mark.few(1)
+@pytest.mark.parametrize("seed", seeds(3, 31))
+def test_departures_are_told_as_of_the_whole(both, seed):
+    whole, long, truth = both(seed, "variant", ["disc_eccentricity"], snr=(300.0, 600.0))
+    one, other = diagnose(whole), diagnose(long)
+    assert one.verdict is other.verdict
+    assert [cause.cause.key for cause in other.causes] == [cause.cause.key for cause in one.causes]
+    assert [shares(cause) for cause in other.causes] == [pytest.approx(shares(cause), abs=0.03) for cause in one.causes]
+
+
+def shares(cause):
+    """Shares by pattern of the departures of a cause that stand out."""
+    return {each.pattern: each.share for each in cause.departures if each.share > 0.05}
 
 
 def test_nothing_is_found_where_nothing_is(both):

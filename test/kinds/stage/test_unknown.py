@@ -165,24 +165,24 @@ def test_what_slips_once_for_good_is_no_backlash(stage_problem, at_reversal):
     """
     told = []
     for seed in seeds(6, 7200):
-        draw = np.random.default_rng(seed)
-        time = 10.625 if at_reversal else draw.uniform(4.0, 16.0)
-        case = make_stage_case(seed, "null", duration=20.0, motion=THERE_AND_BACK)
-        slip = make_fault("disc_slip", "", time=time, step=draw.choice([-1, 1]) * draw.uniform(1e-6, 4e-6))
-        diagnosis = diagnose(problem_of(case, slip))
-        told.append((diagnosis.verdict is Verdict.UNKNOWN, seed, time, slip.step))
+        time = 10.625 if at_reversal else np.random.default_rng(seed).uniform(4.0, 16.0)
+        problem, step = slipped_near_reversal(seed, time)
+        told.append((diagnose(problem).verdict is Verdict.UNKNOWN, seed, time, step))
         real = diagnose(stage_problem(seed, "single", ["reversal_backlash"], motion=THERE_AND_BACK)[0])
         named = [found.cause.effect.name for found in real.causes]
         told.append((real.verdict is Verdict.EXPLAINED and named == ["reversal_backlash"], seed, "backlash"))
     assert sum(right for right, *_ in told) >= len(told) - 1, told
 
 
-def problem_of(case, fault):
-    """The problem of a case's recording with a fault in its plant."""
-    plant, end = replace(case.plant, faults=(fault,)), round(20.0 * NANOSECONDS)
+def slipped_near_reversal(seed, time):
+    """A recording with one reversal in which the ring slipped, at a time in s, and by how much, in rad."""
+    draw = np.random.default_rng([seed, 1])
+    case = make_stage_case(seed, "null", duration=20.0, motion=THERE_AND_BACK)
+    slip = make_fault("disc_slip", "", time=time, step=draw.choice([-1, 1]) * draw.uniform(1e-6, 4e-6))
+    plant, end = replace(case.plant, faults=(slip,)), round(20.0 * NANOSECONDS)
     blocks = {stream: [plant.samples(stream, 0, plant.clocks[stream].index_at(end))] for stream in plant.streams}
     topics = {samples_topic(stream): list(each) for stream, each in blocks.items()}
-    return StageProblem(case.twin, record_stage(topics, sorted(case.twin.encoder.azimuths)), EFFECTS)
+    return StageProblem(case.twin, record_stage(topics, sorted(case.twin.encoder.azimuths)), EFFECTS), slip.step
 
 
 def test_a_lag_of_the_rotor_lies_in_the_rotation(stage_problem):
