@@ -142,13 +142,12 @@ class StageNoise:
         """Whether any instrument has."""
         return bool(self._slow)
 
-    def slow_remarks(self) -> list[str]:
-        """How large the slow noise of each instrument is."""
-        found = []
-        for name, courses in self._slow.items():
-            size = self.std[name] * float(np.sqrt(np.mean(np.sum(np.square(courses), axis=1))))
-            found.append(f"{name}: slow noise of {1e6 * size:.2g} {sensor_of(name).small_unit} (rms) beside the white")
-        return found
+    def slow_sizes(self) -> dict[str, float]:
+        """Root mean square of the slow noise of each instrument that has any, in its unit."""
+        return {
+            name: self.std[name] * float(np.sqrt(np.mean(np.sum(np.square(courses), axis=1))))
+            for name, courses in self._slow.items()
+        }
 
     def cells(self, channel: str) -> Cells:
         """Rows of a channel in `CELLS` cells, each row with the root of its expected square for its weight."""

@@ -1,13 +1,15 @@
-"""How long a recording of a stage must be to be worth a diagnosis."""
+"""How long a recording of a stage must be to be worth a diagnosis, and what its motion and noise hide."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.kinds.stage.jitter import even_motion
+from rotary_error_monitor.kinds.stage.jitter import even_motion, orders_at_one_speed
+from rotary_error_monitor.noise.stage_noise import StageNoise
 from rotary_error_monitor.sensors.library import COMMAND, instrument_of, is_listed, sensor_of
 from rotary_error_monitor.twin.recording import StageRecording
 from rotary_error_monitor.twin.stage import Signals
@@ -93,6 +95,31 @@ def motion_remarks(recording: StageRecording, uncommanded: int) -> list[str]:
             "sample: publish the command at a higher rate"
         )
     return found
+
+
+def noise_remarks(noises: Sequence[StageNoise], command: Callable[[Array], Array]) -> list[str]:
+    """Slow noise of instruments, and lines of the jitter that look like an order.
+
+    Args:
+        noises: of each stretch of a recording.
+        command: gives commanded rotation, rad, at times, s.
+    """
+    slow: dict[str, list[float]] = {}
+    for noise in noises:
+        for name, size in noise.slow_sizes().items():
+            slow.setdefault(name, []).append(size)
+    found = [
+        f"{name}: slow noise of {1e6 * max(sizes):.2g} {sensor_of(name).small_unit} (rms) beside the white"
+        for name, sizes in slow.items()
+    ]
+    for noise in noises:
+        time = noise.grid.time
+        found += [
+            f"rotation: a wave at {line:.2f} Hz was taken for jitter of the rotor's own; recorded at one speed only, "
+            f"it cannot be told from order {order}: record at another speed too"
+            for line, order in orders_at_one_speed(noise.lines, time, command(time))
+        ]
+    return list(dict.fromkeys(found))
 
 
 def _describe(raw: Signals, noise: Mapping[str, float]) -> str:

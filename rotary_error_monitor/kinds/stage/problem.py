@@ -19,12 +19,11 @@ from rotary_error_monitor.gap.noise_level import NOISIER
 from rotary_error_monitor.gap.problem import Candidate, Columns, Finding, Rows, Share, SparseRows
 from rotary_error_monitor.gap.structure import Track
 from rotary_error_monitor.gap.views import View
-from rotary_error_monitor.kinds.stage.admission import check_extent, check_noise, motion_remarks
+from rotary_error_monitor.kinds.stage.admission import check_extent, check_noise, motion_remarks, noise_remarks
 from rotary_error_monitor.kinds.stage.another import check_stage, left_out
 from rotary_error_monitor.kinds.stage.distortion import distortions
 from rotary_error_monitor.kinds.stage.experiments import advise
 from rotary_error_monitor.kinds.stage.gradual import begun_before, moment_of, ramps, takes_time
-from rotary_error_monitor.kinds.stage.jitter import orders_at_one_speed
 from rotary_error_monitor.kinds.stage.modulations import (
     StageModulations,
     goes_by_another_name,
@@ -343,13 +342,8 @@ class StageProblem:
         """What was left out of the recording, and sensors noisier than the twin says."""
         found = [*self.recording.remarks, *left_out(self.twin, partial(self.raw_residual, ()), self.noise.std)]
         found += [f"{name}: spikes left out: {count}" for name, count in self.spikes().items() if count]
-        found += [*motion_remarks(self.recording, int(self.noise.uncommanded.sum())), *self.noise.slow_remarks()]
-        time = self.noise.grid.time
-        found += [
-            f"rotation: a wave at {line:.2f} Hz was taken for jitter of the rotor's own; recorded at one speed only, "
-            f"it cannot be told from order {order}: record at another speed too"
-            for line, order in orders_at_one_speed(self.noise.lines, time, self.twin.inputs.command(time))
-        ]
+        found += motion_remarks(self.recording, sum(int(noise.uncommanded.sum()) for noise in self.noises))
+        found += noise_remarks(self.noises, self.twin.inputs.command)
         for track in self.tracks(rest):
             # Neighbouring rows differ by noise alone, whatever slow thing is left in them.
             level = float(np.sqrt(0.5 * np.mean(np.square(np.diff(track.rows))))) * self._stated(track.channel)
@@ -357,9 +351,16 @@ class StageProblem:
                 found.append(f"{track.channel}: noise is {level:.2f} times what the twin states")
         return tuple(found)
 
+    @property
+    def noises(self) -> Sequence[StageNoise]:
+        """Noise of each stretch of the recording."""
+        return (self.noise,)
+
     def _stated(self, channel: str) -> float:
         """How many times the noise that the stage states a channel is taken to have."""
-        return 1.0 if channel == COMMAND else self.noise.levels[instrument_of(channel)]
+        if channel == COMMAND:
+            return 1.0
+        return float(np.sqrt(np.mean([noise.levels[instrument_of(channel)] ** 2 for noise in self.noises])))
 
     def spikes(self) -> dict[str, int]:
         """Number of samples of each sensor that are spikes."""

@@ -27,6 +27,7 @@ from rotary_error_monitor.kinds.stage.search import StageSearch, effects_in
 from rotary_error_monitor.kinds.stage.stuck import without_stuck
 from rotary_error_monitor.kinds.stage.thermometers import with_useful_inputs
 from rotary_error_monitor.kinds.stage.tracks import Tracks
+from rotary_error_monitor.noise.stage_noise import StageNoise
 from rotary_error_monitor.sensors.library import COMMAND
 from rotary_error_monitor.twin.recording import FEWEST_SAMPLES, StageRecording, Stream
 from rotary_error_monitor.twin.stage import twin_of
@@ -92,6 +93,11 @@ class LongStageProblem(StageProblem):
     def instants(self) -> int:
         """Number of instants at which the heads were read; of a stage without heads, its fastest sensor."""
         return sum(stretch.instants for stretch in self._stretches)
+
+    @property
+    def noises(self) -> Sequence[StageNoise]:
+        """Noise of each stretch of the recording."""
+        return [stretch.noise for stretch in self._stretches]
 
     def times(self, channel: str) -> Array:
         """(m,) time of each row, s."""
@@ -160,7 +166,7 @@ class LongStageProblem(StageProblem):
 
     def without_slow_noise(self, columns: Columns) -> Columns | None:
         """Columns as beside white noise alone; None where that is what they are."""
-        if not isinstance(columns, LateRows) or not any(stretch.noise.has_slow_noise for stretch in self._stretches):
+        if not isinstance(columns, LateRows) or not any(noise.has_slow_noise for noise in self.noises):
             return None
 
         def rows_of(stretch: int) -> Rows | SparseRows:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from draws import seeds
@@ -15,6 +17,7 @@ from rotary_error_monitor.kinds.stage import stretches
 from rotary_error_monitor.kinds.stage.noise_learning import NoiseLearning
 from rotary_error_monitor.kinds.stage.stretches import LongStageProblem, cut_recording, stage_problem
 from rotary_error_monitor.noise.jitter import Jitter
+from rotary_error_monitor.noise.stage_noise import CELLS
 
 STRETCH = 8.0
 
@@ -128,6 +131,17 @@ def test_a_sensor_that_falls_silent_is_missing_from_later_stretches_only(both):
     long = LongStageProblem(whole.stage, silent, whole.effects)
     assert len(long.times("lvdt.x")) == np.count_nonzero(first)
     assert diagnose(long).verdict is Verdict.NO_GAP
+
+
+def test_noise_of_any_stretch_is_told(both):
+    _, long, _ = both(6, "null")
+    rest, later = long.residual(()), long._stretches[1].noise
+    later.with_slow_noise("autocollimator", np.full((CELLS, 2), 3.0))
+    later.with_levels({"lvdt": 2.0})
+    told = "; ".join(long.remarks(rest))
+    assert f"autocollimator: slow noise of {3e6 * np.sqrt(2) * later.std['autocollimator']:.2g} µrad" in told, told
+    (level,) = re.findall(r"lvdt\.x: noise is ([\d.]+) times what the twin states", told)
+    assert float(level) == pytest.approx(np.sqrt((1 + 2**2) / 2), rel=0.05)
 
 
 def test_short_recordings_are_one_stretch(both):
