@@ -7,12 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from draws import seeds
 from simulated_pointings import LATITUDE, Pointings, pointing_file, simulate_pointings
 
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.verdict import Verdict
+from rotary_error_monitor.kinds.mount.course import Courses
 from rotary_error_monitor.kinds.mount.description import MountDescription, load_mount
 from rotary_error_monitor.kinds.mount.effects import MountEffect
 from rotary_error_monitor.kinds.mount.pointings import parse_pointings, read_pointings
@@ -130,6 +132,44 @@ def test_backlash_needs_the_direction_of_travel():
     (found,) = diagnose(problem_of(simulate_pointings(5, turn=lags))).causes
     assert found.cause.key == ("axis_backlash", "D")
     assert found.parameters["width"].value == pytest.approx(4e-4, rel=0.1)
+
+
+def about_declination(course):
+    """A turn about the declination axis, rad, as a function of time from 0 to 1."""
+
+    def turn(pose):
+        time = (pose.time - pose.time.min()) / np.ptp(pose.time)
+        return course(time)[:, None] * pose.declination
+
+    return turn
+
+
+def test_an_axis_that_jumps_once_does_not_slip_steadily():
+    """Neighbours on the sky do not share the jump: what a slip leaves of it passed for noise."""
+    for seed in seeds(4):
+        at = np.random.default_rng(seed).uniform(0.2, 0.8)
+        jumps = about_declination(lambda time, at=at: 5e-4 * (time > at))
+        diagnosis = diagnose(problem_of(simulate_pointings(seed, turn=jumps)))
+        assert diagnosis.verdict in (Verdict.UNKNOWN, Verdict.PARTLY_EXPLAINED)
+        assert any("time" in finding.pattern for finding in diagnosis.remainder)
+
+
+def test_what_swings_with_time_is_no_noise():
+    swings = about_declination(lambda time: 5e-4 * np.sin(12 * time))
+    diagnoses = [diagnose(problem_of(simulate_pointings(seed, turn=swings))) for seed in seeds(3)]
+    assert all(diagnosis.verdict in (Verdict.UNKNOWN, Verdict.PARTLY_EXPLAINED) for diagnosis in diagnoses)
+
+
+def test_noise_as_loud_as_neighbours_on_the_sky_say_where_nothing_stands_out_over_time():
+    """Noise of which a pointing keeps half of that before it is coloured, three times white where it is slow."""
+    for seed in seeds(4):
+        rng = np.random.default_rng(seed)
+        count, noise = 300, rng.normal(size=(300, 2))
+        for i in range(1, count):
+            noise[i] = 0.5 * noise[i - 1] + np.sqrt(0.75) * noise[i]
+        courses = Courses(np.arange(count) * 100.0, rng.choice([-1.0, 1.0], count))
+        std = courses.noise(noise, np.ones(2), np.ones(count, bool))
+        assert std == pytest.approx([1.0, 1.0])
 
 
 def test_patches_hold_equal_numbers_and_all_pointings():
