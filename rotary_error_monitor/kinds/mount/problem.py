@@ -26,7 +26,7 @@ from rotary_error_monitor.kinds.mount.course import Courses
 from rotary_error_monitor.kinds.mount.description import MountDescription, MountGeometry
 from rotary_error_monitor.kinds.mount.effects import MountEffect
 from rotary_error_monitor.kinds.mount.modulations import mount_departures
-from rotary_error_monitor.kinds.mount.sky import estimate_repeatability, sky_conditions, sky_patches
+from rotary_error_monitor.kinds.mount.sky import MOST_OUTLIERS, estimate_repeatability, sky_conditions, sky_patches
 from rotary_error_monitor.kinds.mount.twin import MountRecording, MountTwin
 from rotary_error_monitor.units import ARCSEC
 
@@ -35,6 +35,10 @@ ORDERS = 4
 
 ANOTHER_MOUNT = np.radians(3.0)
 """A rigid mount that misses its stars by this much at the median is another one."""
+
+BELOW = np.radians(-2.0)
+"""Altitude without refraction below which no star is seen: the air lifts those at the horizon by 0.6°, from a high
+mountain it lies a degree and a half lower."""
 
 SAME_NOISE = 0.05
 """Relative change of the noise that is not worth looking at all rows again."""
@@ -169,8 +173,14 @@ class MountProblem(TableProblem[MountGeometry]):
         """Refuse a recording that no rigid mount comes near to.
 
         Raises:
-            InputError: the readings are not of a mount like the twin.
+            InputError: stars stand below the horizon, or the readings are not of a mount like the twin.
         """
+        sunk = int(np.count_nonzero(np.arcsin(np.clip(self.twin.sought[2], -1.0, 1.0)) < BELOW))
+        if sunk > MOST_OUTLIERS * len(self.kept):  # fewer are single mistakes
+            raise InputError(
+                f"{sunk} of {len(self.kept)} stars stand below the horizon at the latitude of "
+                f"{np.degrees(self.twin.latitude):+.1f}°: its sign, or sidereal time, is wrong"
+            )
         off = float(np.median(np.hypot(*self.error(()))))
         if off > ANOTHER_MOUNT:
             raise InputError(

@@ -211,6 +211,15 @@ LINE = "01 00 00 +10 00 00 01 00 10 +10 01 00 02 30.000\n"
         (HEAD + SITE + LINE.replace("30.000", "nan") * 40, "made:4: .*expected finite"),
         (":ALTAZ\n" + SITE + LINE * 40, "made:1: option :ALTAZ; only equatorial"),
         (HEAD + "+39 00 25\n" + LINE * 40, "made:3: 3 fields; the site"),
+        (HEAD + SITE.replace("990.0", "99000") + LINE * 40, "made:3: 99000 in field 8 .* expected the pressure in hPa"),
+        (HEAD + SITE.replace("10.0", "283.0") + LINE * 40, "made:3: 283 in field 7 .* temperature in °C, -90 to 60"),
+        (HEAD + SITE.replace(" 0.5 ", " 50 ") + LINE * 40, "made:3: 50 in field 10 .* relative humidity, 0 to 1"),
+        (HEAD + SITE.replace("0.55", "550") + LINE * 40, "made:3: 550 in field 11 .* wavelength in µm"),
+        (
+            HEAD + SITE + LINE.replace("+10 01", "+10 71") * 40,
+            r"made:4: 71 in \+10 71 00; expected minutes from 0 to 60",
+        ),
+        (HEAD + SITE + LINE * 40, "1 of 40 pointings differ from one another; at least 30 must"),
     ],
 )
 def test_wrong_files_are_told_with_their_line(text, message):
@@ -223,6 +232,13 @@ def test_a_file_of_another_kind_of_mount_is_refused():
     mixed = Pointings(np.random.default_rng(0).permutation(made.stars), made.readings, made.sidereal)
     with pytest.raises(InputError, match="not of an equatorial mount"):
         diagnose(problem_of(mixed))
+
+
+def test_stars_below_the_horizon_are_told():
+    southern = replace(MOUNT, latitude=-LATITUDE)
+    recording = parse_pointings(pointing_file(simulate_pointings(3)), "made")
+    with pytest.raises(InputError, match=r"of 160 stars stand below the horizon at the latitude of -39.0°"):
+        diagnose(MountProblem(southern, recording, EFFECTS))
 
 
 @real
