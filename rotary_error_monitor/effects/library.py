@@ -11,6 +11,7 @@ from types import ModuleType
 from typing import TypeVar
 
 import rotary_error_monitor.effects as room
+from rotary_error_monitor.effects.definition import check_definition
 from rotary_error_monitor.effects.effect import AnyEffect, Effect, Searched
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.errors import InputError, excerpt
@@ -31,8 +32,8 @@ def load_effects(kind: type[Kind], files: Sequence[Path] = ()) -> tuple[Kind, ..
         files: Python files of a user, each with effect classes of its own; they run as code, which is logged.
 
     Raises:
-        InputError: a file or a plug-in cannot be loaded, a file holds no effect, an effect has no parameters, or two
-            share a name.
+        InputError: a file or a plug-in cannot be loaded, a file holds no effect, an effect's name or parameters cannot
+            be used, or two effects share a name.
     """
     found: dict[str, Kind] = {}
     for module, origin in modules_of(room, ENTRY_POINTS):
@@ -72,7 +73,7 @@ def _module_of(file: Path) -> ModuleType:
     _LOG.warning("%s: effects of your own run as code, with all that you may do", file)
     try:
         spec.loader.exec_module(module)
-    except Exception as error:  # whatever a user's file raises is reported with its place
+    except (Exception, SystemExit) as error:  # whatever a user's file raises is reported with its place
         raise InputError(f"{file}: cannot be loaded: {type(error).__name__}: {error}") from error
     return module
 
@@ -83,10 +84,9 @@ def _defined(kind: type[Kind], module: ModuleType) -> Iterable[type[Kind]]:
 
 def _collect(found: dict[str, Kind], kind: type[Kind], module: ModuleType, origin: str) -> None:
     for item in _defined(kind, module):
+        check_definition(item, origin)
         if item.name in found:
             raise InputError(f"{origin}: effect '{item.name}' is already known; choose another name")
-        if not item.parameters:
-            raise InputError(f"{origin}: effect '{item.name}' has no parameters; what shall be fitted?")
         _check_searched(item, origin)
         try:
             found[item.name] = item()

@@ -126,14 +126,16 @@ def check_amended(amended: object) -> None:
         raise TypeError(f"amend gives {type(amended).__name__}; expected the description of a machine")
 
 
-def check_signal(name: str, given: object, shape: tuple[int, ...]) -> None:
-    """Refuse what is not one finite number for each sample.
+def check_signal(name: str, given: object, shape: tuple[int, ...], *, is_complex: bool = False) -> None:
+    """Refuse what is not one finite number for each sample, or is complex where real numbers are expected.
 
     Raises:
-        ValueError: it has another shape, or is not finite.
+        ValueError: it has another shape, is not finite, or complex.
     """
     values = np.asarray(given)
     if values.shape != shape:
         raise ValueError(f"{name} gets shape {values.shape}; expected {shape}")
     if not np.isfinite(values).all():
         raise ValueError(f"{name} gets values that are not finite")
+    if np.iscomplexobj(values) and not is_complex:
+        raise ValueError(f"{name} gets complex numbers; expected real ones")

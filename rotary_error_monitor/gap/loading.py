@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from rotary_error_monitor.description.yaml_files import read_yaml
-from rotary_error_monitor.effects.effect import Cause, Role, order_location
+from rotary_error_monitor.effects.effect import AnyEffect, Cause, Role, order_location
 from rotary_error_monitor.effects.library import is_foreign, load_effects
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.kind import ENTRY_POINTS, AnyKind, Kind, TwinFile
@@ -92,18 +92,36 @@ def _try_foreign(problem: DiagnosableProblem, twin: AnyTwinFile) -> None:
     """
     thing = twin.kind.acted_on(problem, twin.description)
     for effect in filter(is_foreign, twin.effects):
-        places = effect.locations(thing)
-        places = tuple(order_location(effect.lowest, place) for place in places) if effect.orders else places
-        for place in places[:1]:
+        for place in _first_place(effect, thing):
             values = effect.start(place)
             amplitudes = effect.indices(Role.LINEAR, Role.SHAPE)
             values[amplitudes] = effect.scales()[amplitudes]
             try:
                 twin.kind.attempt(problem, Cause(effect, place, values))
             except Exception as error:  # whatever a user's effect raises is reported with its name
-                module = type(effect).__module__.rpartition(".")[2]
-                told = f"{type(error).__name__}: {error}"
-                raise InputError(f"effect '{effect.name}' of {module} fails: {told}") from error
+                raise _failed(effect, error) from error
+
+
+def _first_place(effect: AnyEffect, thing: object) -> tuple[str, ...]:
+    """The first of the places that an effect lists; none if there is no place for it.
+
+    Raises:
+        InputError: it fails, or lists something else than different names.
+    """
+    try:
+        places: object = effect.locations(thing)
+        if not (isinstance(places, (tuple, list)) and all(isinstance(place, str) for place in places)):
+            raise TypeError(f"locations gives {places!r}; expected a tuple of names")
+        if len(set(places)) < len(places):
+            raise ValueError(f"locations gives {places!r}; expected different names")
+    except Exception as error:
+        raise _failed(effect, error) from error
+    return tuple(order_location(effect.lowest, place) if effect.orders else place for place in places[:1])
+
+
+def _failed(effect: AnyEffect, error: Exception) -> InputError:
+    module = type(effect).__module__.rpartition(".")[2]
+    return InputError(f"effect '{effect.name}' of {module} fails: {type(error).__name__}: {error}")
 
 
 def _content(path: Path) -> dict[str, Any]:

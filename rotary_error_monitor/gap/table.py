@@ -158,10 +158,14 @@ class TableProblem(ABC, Generic[State]):
 
     def structure(self, rest: Rows) -> list[Finding]:
         """One test for each channel and group of shapes: the one that explains most of what is left."""
-        findings, shapes = [], self.shapes().items()
+        return self.findings(rest, self.shapes())
+
+    def findings(self, rest: Rows, shapes: Shapes) -> list[Finding]:
+        """The same of some groups of shapes."""
+        findings = []
         for channel in self.channels:
             white = rest[channel][:, 0]
-            for group, rows in shapes:
+            for group, rows in shapes.items():
                 names, table = [name for name, _ in rows], _stacked(rows) * self.kept[:, None]
                 table = table - self.kept[:, None] * table.sum(axis=0) / self.kept.sum()
                 power = np.sum(np.square(table), axis=0)

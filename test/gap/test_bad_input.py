@@ -120,6 +120,12 @@ def test_results_that_cannot_be_written_are_told(stage_case, tmp_path, refused):
     assert f"{tmp_path}/file/out: cannot be written" in told
 
 
+PLACES = """    def locations(self, stage):
+        return {}
+
+"""
+
+
 @pytest.mark.parametrize(
     ("changed", "problem"),
     [
@@ -130,6 +136,20 @@ def test_results_that_cannot_be_written_are_told(stage_case, tmp_path, refused):
         ({LAST_LINE: "pass"}, "effect 'my_offset' of mine fails: TypeError"),
         ({'    parameters = (Parameter("offset", "rad", 1e-6),)\n': ""}, "effect 'my_offset' has no parameters"),
         ({"    def measured": "    def __init__(self, size): ...\n\n    def measured"}, "made without arguments"),
+        ({LAST_LINE: "return ideal + values[0] * 1j"}, "autocollimator gets complex numbers"),
+        ({'"my_offset"': "5"}, "name 5 of an effect; expected letters"),
+        ({"1e-6": "0.0"}, "parameter 'offset': scale is 0.0; expected its usual size, a finite number above 0"),
+        ({"1e-6": "1e-6, bound=-1"}, "parameter 'offset': bound is -1; expected the largest sensible magnitude"),
+        ({"1e-6": "1e-6, least=2, bound=1"}, "parameter 'offset': least is 2; expected a number below the bound 1"),
+        ({"1e-6": "1e-6, size=0"}, "parameter 'offset': size is 0; expected how many components"),
+        ({"1e-6),)": "1e-6))"}, "expected a tuple of Parameter"),
+        ({"1e-6),)": '1e-6), Parameter("offset", "rad", 1.0))'}, "parameters offset, offset; expected different names"),
+        ({"class Offset": "raise SystemExit(0)\n\nclass Offset"}, "cannot be loaded: SystemExit"),
+        (
+            {"    def measured": PLACES.format("None") + "    def measured"},
+            "locations gives None; expected a tuple of names",
+        ),
+        ({"    def measured": PLACES.format("'a', 'a'") + "    def measured"}, "expected different names"),
         ({"my_offset": "unbalance"}, "effect 'unbalance' is already known; choose another name"),
         ({"class Offset": "class Offset("}, "cannot be loaded: SyntaxError"),
     ],

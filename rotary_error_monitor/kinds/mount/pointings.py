@@ -30,6 +30,13 @@ SIDEREAL_SECOND = 0.9972696
 """Seconds of time in a second of sidereal time."""
 
 _SITE, _POINTING = 12, 14
+_WEATHER = (
+    (6, "temperature in °C", -90.0, 60.0),
+    (7, "pressure in hPa, 0 where refraction is taken out", 0.0, 1100.0),
+    (9, "relative humidity", 0.0, 1.0),
+    (10, "wavelength in µm", 0.2, 20.0),
+)
+"""Fields of the site that refraction is told by, with what is possible on Earth."""
 _SUPPORTED = {":EQUAT", ":NODA"}
 
 
@@ -56,13 +63,19 @@ def parse_pointings(text: str, origin: str) -> MountRecording:
             _check_option(words, place)
         elif site is None:
             site = _numbers(words, _SITE, place, "the site (latitude d m s, date y m d, temperature, pressure, …)")
-            latitude = np.radians(_in_range(_angle(words[:3]), 90.0, words[:3], place, "latitude"))
+            _check_weather(site, place)
+            latitude = np.radians(_in_range(_angle(words[:3], place), 90.0, words[:3], place, "latitude"))
         else:
             rows.append(_pointing(words, place))
     if site is None:
         raise InputError(f"{origin}: no line of the site; it begins with the latitude in d m s")
     if len(rows) < FEWEST_POINTINGS:
         raise InputError(f"{origin}: {len(rows)} pointings; at least {FEWEST_POINTINGS} are needed")
+    different = len(set(rows))
+    if different < FEWEST_POINTINGS:
+        raise InputError(
+            f"{origin}: {different} of {len(rows)} pointings differ from one another; at least {FEWEST_POINTINGS} must"
+        )
     return _recording(np.array(rows), float(latitude), site)
 
 
@@ -83,11 +96,19 @@ def _check_option(words: Sequence[str], place: str) -> None:
         )
 
 
+def _check_weather(site: Sequence[float], place: str) -> None:
+    for field, what, low, high in _WEATHER:
+        if not low <= site[field] <= high:
+            raise InputError(
+                f"{place}: {site[field]:g} in field {field + 1} of the site; expected the {what}, {low:g} to {high:g}"
+            )
+
+
 def _pointing(words: Sequence[str], place: str) -> tuple[float, ...]:
     _numbers(words, _POINTING, place, "a pointing (right ascension, declination, both of the mount, sidereal time)")
-    star = _in_range(_angle(words[3:6]), 90.0, words[3:6], place, "declination of the star")
-    mount = _in_range(_angle(words[9:12]), 360.0, words[9:12], place, "declination of the mount")
-    hours = (_angle(words[:3]), _angle(words[6:9]), _angle(words[12:14]))
+    star = _in_range(_angle(words[3:6], place), 90.0, words[3:6], place, "declination of the star")
+    mount = _in_range(_angle(words[9:12], place), 360.0, words[9:12], place, "declination of the mount")
+    hours = (_angle(words[:3], place), _angle(words[6:9], place), _angle(words[12:14], place))
     ascension, read, sidereal = (_in_range(h, 24.0, words, place, "a right ascension or time") for h in hours)
     return ascension, star, read, mount, sidereal
 
@@ -118,8 +139,11 @@ def _numbers(words: Sequence[str], count: int, place: str, what: str) -> list[fl
     return values
 
 
-def _angle(words: Sequence[str]) -> float:
+def _angle(words: Sequence[str], place: str) -> float:
     """Degrees or hours from whole, minutes and seconds; the sign of -0 counts."""
+    for word, unit in zip(words[1:], ("minutes", "seconds"), strict=False):
+        if not 0 <= float(word) <= 60:  # programs that round write 60 at times
+            raise InputError(f"{place}: {excerpt(word)} in {excerpt(' '.join(words))}; expected {unit} from 0 to 60")
     size = sum(abs(float(word)) / 60**power for power, word in enumerate(words))
     return float(-size if words[0].startswith("-") else size)
 

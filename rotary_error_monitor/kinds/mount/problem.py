@@ -18,13 +18,15 @@ from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import AnyEffect, Cause, Role
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.departures import Departures
-from rotary_error_monitor.gap.problem import Candidate, Rows
+from rotary_error_monitor.gap.problem import Candidate, Finding, Rows
 from rotary_error_monitor.gap.table import Shapes, TableProblem
 from rotary_error_monitor.kinds.mount.advice import mount_advice
+from rotary_error_monitor.kinds.mount.course import GROUP as TIME
+from rotary_error_monitor.kinds.mount.course import Courses
 from rotary_error_monitor.kinds.mount.description import MountDescription, MountGeometry
 from rotary_error_monitor.kinds.mount.effects import MountEffect
 from rotary_error_monitor.kinds.mount.modulations import mount_departures
-from rotary_error_monitor.kinds.mount.sky import estimate_repeatability, sky_conditions, sky_patches
+from rotary_error_monitor.kinds.mount.sky import MOST_OUTLIERS, estimate_repeatability, sky_conditions, sky_patches
 from rotary_error_monitor.kinds.mount.twin import MountRecording, MountTwin
 from rotary_error_monitor.units import ARCSEC
 
@@ -33,6 +35,10 @@ ORDERS = 4
 
 ANOTHER_MOUNT = np.radians(3.0)
 """A rigid mount that misses its stars by this much at the median is another one."""
+
+BELOW = np.radians(-2.0)
+"""Altitude without refraction below which no star is seen: the air lifts those at the horizon by 0.6°, from a high
+mountain it lies a degree and a half lower."""
 
 SAME_NOISE = 0.05
 """Relative change of the noise that is not worth looking at all rows again."""
@@ -77,6 +83,7 @@ class MountProblem(TableProblem[MountGeometry]):
         self.recording = recording.chosen(np.concatenate(patches))
         self.twin = MountTwin(mount, self.recording, known)
         self.labels = np.repeat(conditions.labels, [len(patch) for patch in patches])
+        self._courses = Courses(self.recording.time, self.twin.side)
         self._found_without: Array = np.zeros(6)
         still, std = np.zeros((2, len(self.labels))), np.full(2, mount.noise)
         super().__init__(self.twin.machine, conditions, still, std, effects, known)
@@ -144,9 +151,15 @@ class MountProblem(TableProblem[MountGeometry]):
             "pose, both axes": products,
             "pose, side of the pier": [("step", self.twin.side), ("slope", self.twin.side * hour)],
             "pose, altitude": [("sine", upward), ("cosine", np.sqrt(np.maximum(1 - upward**2, 0)))],
-            "time": [(f"power {k}", time**k) for k in (1, 2, 3)],
+            TIME: [(f"power {k}", time**k) for k in (1, 2, 3)],
             "direction": [("of hour axis", direction[:, 0]), ("of declination axis", direction[:, 1])],
         }
+
+    def structure(self, rest: Rows) -> list[Finding]:
+        """Tests of every shape, and of courses in time."""
+        shapes = {group: rows for group, rows in self.shapes().items() if group != TIME}
+        over_time = [self._courses.findings(rest[channel][:, 0], self.kept, channel) for channel in self.channels]
+        return [*self.findings(rest, shapes), *over_time]
 
     def learn_noise(self, causes: Sequence[Cause]) -> bool:
         """Estimate again how well the mount repeats, the causes taken out; whether the rows have changed by it."""
@@ -160,8 +173,14 @@ class MountProblem(TableProblem[MountGeometry]):
         """Refuse a recording that no rigid mount comes near to.
 
         Raises:
-            InputError: the readings are not of a mount like the twin.
+            InputError: stars stand below the horizon, or the readings are not of a mount like the twin.
         """
+        sunk = int(np.count_nonzero(np.arcsin(np.clip(self.twin.sought[2], -1.0, 1.0)) < BELOW))
+        if sunk > MOST_OUTLIERS * len(self.kept):  # fewer are single mistakes
+            raise InputError(
+                f"{sunk} of {len(self.kept)} stars stand below the horizon at the latitude of "
+                f"{np.degrees(self.twin.latitude):+.1f}°: its sign, or sidereal time, is wrong"
+            )
         off = float(np.median(np.hypot(*self.error(()))))
         if off > ANOTHER_MOUNT:
             raise InputError(
@@ -255,5 +274,6 @@ class MountProblem(TableProblem[MountGeometry]):
     def _repeatability(self, causes: Sequence[Cause]) -> tuple[Array, NDArray[np.bool_]]:
         time = self.recording.time / max(float(np.ptp(self.recording.time)), 1.0)
         places = np.column_stack([self.recording.readings, time])
-        found, kept = estimate_repeatability(self.error(causes).T, places)
-        return np.maximum(found, self.mount.noise), kept
+        errors = self.error(causes).T
+        on_sky, kept = estimate_repeatability(errors, places)
+        return np.maximum(self._courses.noise(errors, on_sky, kept), self.mount.noise), kept

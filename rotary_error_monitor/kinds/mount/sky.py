@@ -19,8 +19,8 @@ FOLDS = 6
 BLOCKS = 24
 """Patches; every sixth of them is left out together, so that the others lie around it."""
 
-NEIGHBOURS = 12
-"""Pointings from which one is predicted: four for each coefficient of the plane through them."""
+ON_SKY, OVER_TIME = 12, 8
+"""Pointings from which one is predicted: four for each coefficient of a plane over the sky, or of a line over time."""
 
 OUTLIER = 8.0
 """Standard deviations from its neighbours beyond which a pointing is a mistake: no noise of a night reaches them."""
@@ -48,7 +48,7 @@ def neighbourhood(places: Array) -> tuple[NDArray[np.intp], Array]:
     The weights are those of a plane through the neighbours (Cleveland 1979, without tapering): all that is smooth over
     a neighbourhood is predicted, noise is not.
     """
-    count = min(NEIGHBOURS, len(places) - 1)
+    count = min(ON_SKY if places.shape[1] > 1 else OVER_TIME, len(places) - 1)
     _, found = cKDTree(places).query(places, count + 1)
     neighbours = np.asarray(found, np.intp)[:, 1:]
     away = places[neighbours] - places[:, None]

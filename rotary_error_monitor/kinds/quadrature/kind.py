@@ -35,4 +35,4 @@ class QuadratureKind(Kind[QuadratureDescription, QuadratureEffect, QuadraturePro
         turning, amplitude = np.exp(1j * problem.phase), problem.settled(())
         state = CircleState(turning, amplitude, amplitude * turning)
         moved = cause.effect.displacement(cause.values, cause.location, state)
-        check_signal("displacement", moved, problem.phase.shape)
+        check_signal("displacement", moved, problem.phase.shape, is_complex=True)

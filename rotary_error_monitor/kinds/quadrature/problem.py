@@ -10,6 +10,7 @@ from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 
 from rotary_error_monitor.arrays import Array, Complex
 from rotary_error_monitor.effects.effect import AnyEffect, Cause, Role
@@ -19,6 +20,8 @@ from rotary_error_monitor.gap.problem import Candidate, Finding, Rows, Share
 from rotary_error_monitor.gap.table import TableProblem, acting, folded
 from rotary_error_monitor.kinds.quadrature.description import QuadratureDescription
 from rotary_error_monitor.kinds.quadrature.effects import QuadratureEffect
+from rotary_error_monitor.kinds.quadrature.passes import loudest_octave
+from rotary_error_monitor.kinds.quadrature.rounding import are_whole, rounding_variance
 from rotary_error_monitor.kinds.quadrature.twin import QuadratureRecording, predict_radius, true_phase
 
 SECTORS, FOLDS = 24, 6
@@ -32,6 +35,12 @@ ORDERS = 16
 PLACES = 180
 TELLING = 0.02
 OUTLIER = 8.0
+AROUND = 9
+"""Samples on the circle whose median a sample is held against: up to four that are wrong do not move it."""
+
+NINE_TENTHS = 1.6449
+"""Nine tenths of normal numbers are closer to zero than this many standard deviations."""
+
 OFF = 0.5
 """Mean radius, in amplitudes off the twin's, from which the twin is of other signals."""
 
@@ -48,7 +57,8 @@ class QuadratureProblem(TableProblem[float]):
     Attributes:
         samples: (n,) all signals, those that are outliers left out, cosine + i sine.
         signals: (m,) mean signal of each cell, at the mean phase.
-        std: (1,) noise of the radius of one sample, counts.
+        scatter: noise of the radius of one sample, counts.
+        std: (1,) the same, as loud as it is over some degrees of the circle.
     """
 
     names = MappingProxyType({"radius": "/quadrature/signals.radius"})
@@ -64,12 +74,15 @@ class QuadratureProblem(TableProblem[float]):
     ) -> None:
         self.description = description
         self.recording = recording
-        scatter, kept = radius_scatter(recording.signals)
+        scatter, kept = radius_scatter(recording.signals, description.noise)
         self.samples = recording.signals[kept]
         noise = max(scatter, description.noise)
-        self.phase, self.radius, count = _cell_means(self.samples)
+        self.phase, self.radius, cells = _cell_means(self.samples)
         self.signals = self.radius * np.exp(1j * self.phase)
-        self._scale: Array = np.sqrt(count) / noise
+        count = np.bincount(cells).astype(np.float64)
+        self.scatter, noise = noise, noise * float(np.sqrt(loudest_octave(self.samples, cells)))
+        rounding = rounding_variance(self.samples, cells, scatter) if are_whole(self.samples) else 0.0
+        self._scale: Array = 1 / np.sqrt(noise**2 / count + rounding)
         sectors = folded(np.linspace(0, len(count), SECTORS + 1), FOLDS, "sectors")
         real, imaginary = self.samples.real, self.samples.imag
         self._ends = (real.max(), -real.min(), imaginary.max(), -imaginary.min())
@@ -136,8 +149,14 @@ class QuadratureProblem(TableProblem[float]):
         """Refuse signals of another size.
 
         Raises:
-            InputError: the circle is far larger or smaller than the twin says.
+            InputError: the circle is far larger or smaller than the twin says, or hardly any of its places were met.
         """
+        met, fewest = len(np.unique((self.phase * WIDE_CELLS / (2 * np.pi)).astype(np.intp))), 2 * ORDERS + 1
+        if met < fewest:
+            raise InputError(
+                f"the signals were at {met} of {WIDE_CELLS} degrees of the circle; expected {fewest} or more, "
+                "twice the highest order of the radius and one: record while moving slowly over one period or more"
+            )
         mean = float(np.mean(self.radius))
         if abs(mean - self.description.amplitude) > OFF * self.description.amplitude:
             raise InputError(
@@ -172,9 +191,11 @@ class QuadratureProblem(TableProblem[float]):
 
     def remarks(self, rest: Rows) -> tuple[str, ...]:
         """Noise as found, and outliers that were left out."""
+        louder = self.std[0] > self.scatter
         lost, count = len(self.recording.signals) - len(self.samples), len(self.recording.signals)
         return (
-            f"the radius scatters by {self.std[0]:.2f} counts at one phase: that is taken for noise",
+            f"the radius scatters by {self.scatter:.2f} counts at one phase: that is taken for noise",
+            *([f"successive samples err alike: turns differ as by {self.std[0]:.2f} counts"] if louder else []),
             *([f"{lost} of {count} samples are outliers and were left out"] if lost else []),
         )
 
@@ -190,7 +211,7 @@ class QuadratureProblem(TableProblem[float]):
             "amplitude_counts": amplitude,
             "radius_std_before_counts": float(np.std(before)),
             "radius_std_after_counts": float(np.std(after)),
-            "noise_counts": float(self.std[0]),
+            "noise_counts": self.scatter,
             "phase_error_rms_rad": float(np.std(change)),
             "phase_error_largest_rad": float(np.max(np.abs(change))),
             "position_error_rms_nm": 1e9 * per_radian * float(np.std(change)),
@@ -219,24 +240,24 @@ class QuadratureProblem(TableProblem[float]):
         return max(0.0, 1 - float(np.sum(np.square(wanted - table @ fitted)) / np.sum(np.square(wanted))))
 
 
-def _cell_means(samples: Complex) -> tuple[Array, Array, Array]:
-    """(m,) mean phase, mean radius and number of samples of each cell of the circle that holds some."""
+def _cell_means(samples: Complex) -> tuple[Array, Array, NDArray[np.intp]]:
+    """(m,) mean phase and mean radius of each cell of the circle that holds samples, and (n,) number of each one's."""
     phase = np.mod(np.angle(samples), 2 * np.pi)
-    cell = np.minimum((phase * CELLS / (2 * np.pi)).astype(np.intp), CELLS - 1)
-    count = np.bincount(cell, minlength=CELLS)
-    used = count > 0
-    sums = (np.bincount(cell, values, CELLS)[used] for values in (phase, np.abs(samples)))
-    mean_phase, mean_radius = (np.asarray(total / count[used], np.float64) for total in sums)
-    return mean_phase, mean_radius, count[used].astype(np.float64)
+    place = np.minimum((phase * CELLS / (2 * np.pi)).astype(np.intp), CELLS - 1)
+    _, cells, count = np.unique(place, return_inverse=True, return_counts=True)
+    mean_phase, mean_radius = (np.bincount(cells, values) / count for values in (phase, np.abs(samples)))
+    return mean_phase, mean_radius, cells.astype(np.intp)
 
 
-def radius_scatter(signals: Complex) -> tuple[float, NDArray[np.bool_]]:
-    """Noise of the radius at one phase, counts, and (n,) no outlier: what lines through cells of the circle leave."""
+def radius_scatter(signals: Complex, least: float = 0.0) -> tuple[float, NDArray[np.bool_]]:
+    """Noise of the radius at one phase, counts, and (n,) no outlier: what lines through cells of the circle leave.
+
+    `least` is the standard deviation, counts, that the noise has at least where outliers are sought.
+    """
     phase, radius = np.mod(np.angle(signals), 2 * np.pi), np.abs(signals)
     cell = np.minimum((phase * WIDE_CELLS / (2 * np.pi)).astype(np.intp), WIDE_CELLS - 1)
     within = phase * WIDE_CELLS / (2 * np.pi) - cell - 0.5
-    kept: NDArray[np.bool_] = np.ones(len(phase), bool)
-    spread = 1.0
+    kept, spread = _not_gross(phase, radius, least), 1.0
     for _ in range(3):
         weight = kept.astype(np.float64)
         n, x, y = (np.bincount(cell, weight * v, WIDE_CELLS) for v in (np.ones(len(phase)), within, radius))
@@ -248,3 +269,15 @@ def radius_scatter(signals: Complex) -> tuple[float, NDArray[np.bool_]]:
         spread = float(np.sqrt(np.sum(np.square(left[kept])) / dof))
         kept = np.abs(left) <= OUTLIER * spread  # of signals without noise nothing is left, and no sample is an outlier
     return spread, kept
+
+
+def _not_gross(phase: Array, radius: Array, least: float) -> NDArray[np.bool_]:
+    """(n,) samples that are not far from the median of their neighbours on the circle.
+
+    A sample alone in its cell, or at the end of the line through it, leaves nothing of itself, however wrong it is.
+    """
+    order = np.argsort(phase)
+    away = np.abs(radius[order] - median_filter(radius[order], AROUND, mode="wrap"))
+    kept = np.ones(len(phase), bool)
+    kept[order] = away <= OUTLIER * max(float(np.quantile(away, 0.9)) / NINE_TENTHS, least)
+    return kept

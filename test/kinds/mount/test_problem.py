@@ -7,12 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from draws import seeds
 from simulated_pointings import LATITUDE, Pointings, pointing_file, simulate_pointings
 
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.verdict import Verdict
+from rotary_error_monitor.kinds.mount.course import Courses
 from rotary_error_monitor.kinds.mount.description import MountDescription, load_mount
 from rotary_error_monitor.kinds.mount.effects import MountEffect
 from rotary_error_monitor.kinds.mount.pointings import parse_pointings, read_pointings
@@ -132,6 +134,45 @@ def test_backlash_needs_the_direction_of_travel():
     assert found.parameters["width"].value == pytest.approx(4e-4, rel=0.1)
 
 
+def about_declination(course):
+    """A turn about the declination axis, rad, as a function of time from 0 to 1."""
+
+    def turn(pose):
+        time = (pose.time - pose.time.min()) / np.ptp(pose.time)
+        return course(time)[:, None] * pose.declination
+
+    return turn
+
+
+def test_an_axis_that_jumps_once_does_not_slip_steadily():
+    """Neighbours on the sky do not share the jump: what a slip leaves of it passed for noise."""
+    for seed in seeds(4):
+        at = np.random.default_rng(seed).uniform(0.2, 0.8)
+        jumps = about_declination(lambda time, at=at: 5e-4 * (time > at))
+        diagnosis = diagnose(problem_of(simulate_pointings(seed, turn=jumps)))
+        assert diagnosis.verdict in (Verdict.UNKNOWN, Verdict.PARTLY_EXPLAINED)
+        assert any("time" in finding.pattern for finding in diagnosis.remainder)
+
+
+def test_what_swings_with_time_is_no_noise():
+    swings = about_declination(lambda time: 5e-4 * np.sin(12 * time))
+    diagnoses = [diagnose(problem_of(simulate_pointings(seed, turn=swings))) for seed in seeds(3)]
+    assert all(diagnosis.verdict in (Verdict.UNKNOWN, Verdict.PARTLY_EXPLAINED) for diagnosis in diagnoses)
+
+
+def test_noise_as_loud_as_neighbours_on_the_sky_say_where_nothing_stands_out_over_time():
+    """Noise of which a pointing keeps half of that before it is coloured, three times white where it is slow."""
+    lowered = 0
+    for seed in seeds(4):
+        rng = np.random.default_rng(seed)
+        count, noise = 300, rng.normal(size=(300, 2))
+        for i in range(1, count):
+            noise[i] = 0.5 * noise[i - 1] + np.sqrt(0.75) * noise[i]
+        courses = Courses(np.arange(count) * 100.0, rng.choice([-1.0, 1.0], count))
+        lowered += np.count_nonzero(courses.noise(noise, np.ones(2), np.ones(count, bool)) < 1.0)
+    assert lowered <= 2, "of eight components, one in a hundred by chance"
+
+
 def test_patches_hold_equal_numbers_and_all_pointings():
     readings = np.random.default_rng(0).uniform(-1, 1, (98, 2))
     patches = sky_patches(readings)
@@ -171,6 +212,15 @@ LINE = "01 00 00 +10 00 00 01 00 10 +10 01 00 02 30.000\n"
         (HEAD + SITE + LINE.replace("30.000", "nan") * 40, "made:4: .*expected finite"),
         (":ALTAZ\n" + SITE + LINE * 40, "made:1: option :ALTAZ; only equatorial"),
         (HEAD + "+39 00 25\n" + LINE * 40, "made:3: 3 fields; the site"),
+        (HEAD + SITE.replace("990.0", "99000") + LINE * 40, "made:3: 99000 in field 8 .* expected the pressure in hPa"),
+        (HEAD + SITE.replace("10.0", "283.0") + LINE * 40, "made:3: 283 in field 7 .* temperature in °C, -90 to 60"),
+        (HEAD + SITE.replace(" 0.5 ", " 50 ") + LINE * 40, "made:3: 50 in field 10 .* relative humidity, 0 to 1"),
+        (HEAD + SITE.replace("0.55", "550") + LINE * 40, "made:3: 550 in field 11 .* wavelength in µm"),
+        (
+            HEAD + SITE + LINE.replace("+10 01", "+10 71") * 40,
+            r"made:4: 71 in \+10 71 00; expected minutes from 0 to 60",
+        ),
+        (HEAD + SITE + LINE * 40, "1 of 40 pointings differ from one another; at least 30 must"),
     ],
 )
 def test_wrong_files_are_told_with_their_line(text, message):
@@ -183,6 +233,13 @@ def test_a_file_of_another_kind_of_mount_is_refused():
     mixed = Pointings(np.random.default_rng(0).permutation(made.stars), made.readings, made.sidereal)
     with pytest.raises(InputError, match="not of an equatorial mount"):
         diagnose(problem_of(mixed))
+
+
+def test_stars_below_the_horizon_are_told():
+    southern = replace(MOUNT, latitude=-LATITUDE)
+    recording = parse_pointings(pointing_file(simulate_pointings(3)), "made")
+    with pytest.raises(InputError, match=r"of 160 stars stand below the horizon at the latitude of -39.0°"):
+        diagnose(MountProblem(southern, recording, EFFECTS))
 
 
 @real
