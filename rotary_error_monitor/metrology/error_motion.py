@@ -208,9 +208,18 @@ def bend_variance(bend: Array) -> Array:
     return np.asarray(BEND * (np.max(np.abs(bend[:, :-1]), axis=1) ** 2 + bend[:, -1] ** 2))
 
 
-def head_variance(encoder: Encoder, gain: Array, travel: Array) -> Array:
-    """(m,) variance of a head's resampled reading, rad²."""
-    return reading_variance(encoder.noise, encoder.resolution, gain, travel)
+def head_variance(
+    encoder: Encoder, gain: Array, travel: Array, bend: Array | float = 0.0, stamps: Array | float = 0.0
+) -> Array:
+    """Variance of heads' resampled readings, rad², of the shape of `travel`.
+
+    Heads are read at times of their own: what interpolation of each cannot follow is another. It is told by third
+    differences, `bend`, as of `bend_variance`; 0 where times at which that matters are left out. It counts where it is
+    more than a sample is uncertain by, with `stamps` (rad) by its stamp: scatter from sample to sample bends as well.
+    """
+    missed = BEND * np.square(bend)
+    known = encoder.noise**2 + encoder.resolution**2 + np.square(stamps)
+    return reading_variance(encoder.noise, encoder.resolution, gain, travel) + np.where(missed > known, missed, 0.0)
 
 
 def tilt_variance(instrument: Autocollimator, gain: Array, travel: Array, bend: Array) -> Array:

@@ -8,19 +8,30 @@ from collections import deque
 from collections.abc import Sequence
 from itertools import pairwise
 from statistics import median
+from typing import TypeAlias
 
 from rotary_error_monitor.description.stage import StageDescription
-from rotary_error_monitor.metrology.error_motion import KINK
+from rotary_error_monitor.pipeline.distance_noise import (
+    DistanceNoise,
+    Variances,
+    deviation,
+    missed_in,
+    missed_of,
+    scatter_in,
+)
 from rotary_error_monitor.pipeline.evidence import LONG, SHORT, SIGMAS, Reach, Window, Windows
 from rotary_error_monitor.pipeline.head_belief import AGREEMENT
 from rotary_error_monitor.pipeline.ring_belief import ABSENT
 from rotary_error_monitor.pipeline.speed_slope import SpeedSlope
-from rotary_error_monitor.pipeline.trailing import Trailing
 from rotary_error_monitor.pipeline.usual_level import UsualLevel
 from rotary_error_monitor.pipeline.zero_keeping import ZeroKeeping
 
 STEADY = 0.25
 """Part of the largest following error by which rotation and command may come apart within a window."""
+
+RIPPLE = 0.25
+"""Part of a step within a window by which its ticks scatter about a straight line: the root of p q (1 - 3 p q), where
+the part p of them is before it and q behind it, for p from 0.08 to 0.92."""
 
 RETURNED = 0.3
 """Part of a step, or of what a delay makes, within which the distance counts as back where it was."""
@@ -30,6 +41,9 @@ STANDS = 1e-3
 
 ACCELERATION = 100.0
 """Angular acceleration, rad/s², that direct drives of rotary tables reach."""
+
+Place: TypeAlias = tuple[int, float, float]
+"""Number of a window, and the distance (rad) and speed (rad/s) in it."""
 
 
 class CommandBelief:
@@ -63,14 +77,13 @@ class CommandBelief:
         self._agreeing = 0.0
         self._size = 0.0
         self._before: tuple[float, float] | None = None  # distance and speed just before a step, rad and rad/s
-        self._squares = Trailing(LONG)
-        self._within = Trailing(LONG)
-        self._variances: tuple[float, float] | None = None  # by those two, of enough windows
+        self._scattering = DistanceNoise()
+        self._plain: Place | None = None  # the last window in which nothing is missed
         self._last: Window | None = None
         self._compared: int | None = None
+        self._since = 0  # number of the window since which it is doubted
         self._still = self._speed = 0.0
         self._zero = ZeroKeeping()
-        self._distances: list[float] = []  # of the last two windows
         self._slope = SpeedSlope(10 * LONG)
         self._usual = UsualLevel()
         self._hidden = self._limits.latency  # by how much the delay may be another than is seen, s
@@ -82,10 +95,8 @@ class CommandBelief:
             self.doubt, self._before = "", None
         self._agreeing = 0.0
         self._last = self._compared = None
-        self._squares.clear()
-        self._within.clear()
-        self._variances = None
-        self._distances.clear()
+        self._plain = None
+        self._scattering.clear()
         self._slope.forget()
         if self._zero.open:
             self._zero.begin(sound=False)
@@ -119,32 +130,34 @@ class CommandBelief:
         last, self._last = self._last, window
         self.reach = self._anywhere
         if not _tells(window) or last is None or window.number != last.number + 1:
-            self._agreeing = 0.0
-            self._distances.clear()
-            self.lag = self._lag_at(self._speed_of(window, last), self._scatter(window))
+            self._agreeing, self._plain = 0.0, None
+            self._scattering.interrupt()
+            self.lag = self._lag_at(self._speed_of(window, last), scatter_in(window, self._scattering.variances))
             if not self._zero.open:  # a window that lacks some ticks tells nothing against those before it
                 self._zero.begin(sound=last is not None and window.number == last.number + 1)
             return
         self._compared = window.number
         speed = self._speed_of(window, last)
-        scatter = self._scatter(window)
+        scatter = scatter_in(window, self._scattering.earlier)
         whole = _tells(last)
-        step = self._step(window, last, speed, scatter) if whole else ""
+        before = self._before_step(window, last)
+        step = self._step(window, last, before, speed, scatter) if whole else ""
         if self._zero.open or not step:  # a step just behind a silence as well: what was before is before both
             step = self._moved_in_silence(window, last, speed, scatter) or step
         wrong = self._beyond(window, speed) or (self._stuck(window, last) if whole else "") or step
-        late = ""
+        late, missed = "", missed_in(window)
         if not wrong:
-            missed = _missed_in(window)
-            self._measure(window.number, [window.mean.theta], [window.mean.ecc], [window.scatter.ecc], [missed])
+            bent = self._is_bent(missed, speed)
+            self._measure(window.number, [window.mean.theta], [window.mean.ecc], [window.scatter.ecc], [missed], bent)
             late = self._measure_delay(window)
         usual = bool(self.doubt) and self._is_usual(window.mean.ecc, speed)
         wrong = wrong or ("" if usual else late)
         if wrong and not self.doubt:
-            apart = window.mean.ecc - self._zero.latest if self._zero.open else last.mean.ecc
-            self._before = (apart, speed if self._zero.open else self._speed) if step else None
+            self._before, self._since = None, window.number
             self._size = self._size if step else 0.0
             self._note_hidden(window.duration)
+        if step and self._before is None and before[0] < self._since:  # also where a part of it was told as another
+            self._before = (window.mean.ecc - self._zero.latest, speed) if self._zero.open else before[1:]
         if wrong:
             self.doubt, self._agreeing = self.doubt if self.doubt and step else wrong, 0.0
         elif self.doubt:
@@ -155,7 +168,9 @@ class CommandBelief:
                 self._believe_again(usual, late)
         elif last.tells_rotation and not self._zero.open:
             self._usual.add((window.mean.ecc + self.delay * speed, speed))
-        self._settle(speed, self._scatter(window), window.mean.ecc, window.duration)
+        self._settle(speed, scatter_in(window, self._scattering.variances), window.mean.ecc, window.duration)
+        if self._is_plain(missed, window.scatter.ecc, speed):
+            self._plain = window.number, window.mean.ecc, speed
 
     def _is_back(self, distance: float, speed: float) -> bool:
         """Whether a distance is what it was before a step, as far as a delay leaves that to be told at this speed."""
@@ -193,7 +208,7 @@ class CommandBelief:
     def foresee(self, windows: Windows) -> None:
         """Make ready for windows that are to be judged."""
         thetas, distances = windows.mean.theta, windows.mean.ecc
-        missed = list(map(_missed, windows.mean.head_bend, windows.mean.command_bend))
+        missed = list(map(missed_of, windows.mean.head_bend, windows.mean.command_bend))
         self._slope.foresee(windows.first, SHORT, list(map(operator.sub, thetas, distances)), distances, missed=missed)
 
     def are_calm(self, windows: Windows) -> bool:
@@ -201,11 +216,19 @@ class CommandBelief:
         last, farthest = self._last, self._limits.following_error
         if last is None or last.number != windows.first - 1 or self.doubt or self._zero.open or self._late():
             return False
+        if self._plain is None or self._plain[0] != last.number:
+            return False
         if not all(abs(ecc) <= farthest for ecc in windows.mean.ecc):
             return False
-        places = pairwise([(last.mean.theta, last.mean.ecc), *zip(windows.mean.theta, windows.mean.ecc, strict=True)])
+        places = [(last.mean.theta, last.mean.ecc), *zip(windows.mean.theta, windows.mean.ecc, strict=True)]
+        speeds = [(place[0] - before[0]) / windows.duration for before, place in pairwise(places)]
+        missed = map(missed_of, windows.mean.head_bend, windows.mean.command_bend)
+        if not all(map(self._is_plain, missed, windows.scatter.ecc, speeds)):
+            return False
         most = STEADY * farthest
-        return all(abs(place[1] - before[1]) <= most and self._goes_along(place, before) for before, place in places)
+        return all(
+            abs(place[1] - before[1]) <= most and self._goes_along(place, before) for before, place in pairwise(places)
+        )
 
     def take_in(self, windows: Windows) -> list[tuple[float, Reach]]:
         """Take in windows that are calm, as `judge` does; give `lag` and `reach` after each."""
@@ -217,12 +240,12 @@ class CommandBelief:
         speeds = [self._speed_of(windows[0], last), *[each / duration for each in moved[1:]]]
         if len(windows) > 1:
             self._told = windows.last, speeds[-1]
-        missed = list(map(_missed, windows.mean.head_bend, windows.mean.command_bend))
+        missed = list(map(missed_of, windows.mean.head_bend, windows.mean.command_bend))
         for theta, turned, distance, speed, miss in zip(thetas, moved, distances, speeds, missed, strict=True):
             self.shift = self._shift((theta, turned, (distance, speed)), miss)
         measured = self._measure(windows.first, thetas, distances, windows.scatter.ecc, missed)
         samples = [max(1.0, windows.ticks * each) for each in windows.mean.head_samples]
-        scatters = list(map(_deviation, measured, samples))
+        scatters = list(map(deviation, measured, samples))
         found = []
         for place, (speed, scatter, distance) in enumerate(zip(speeds, scatters, distances, strict=True), start=1):
             if place == len(windows):
@@ -233,6 +256,7 @@ class CommandBelief:
                 self._usual.add((distance + self.delay * speed, speed))
             self._settle(speed, scatter, distance, duration)
             found.append((self.lag, self.reach))
+        self._plain = windows.last.number, distances[-1], speeds[-1]
         return found
 
     def _settle(self, speed: float, scatter: float, distance: float, duration: float) -> None:
@@ -264,22 +288,39 @@ class CommandBelief:
 
     def _beyond(self, window: Window, speed: float) -> str:
         allowed = self._limits.following_error + self._limits.latency * abs(speed)
-        if abs(window.mean.ecc) <= allowed + _missed_in(window):
+        if abs(window.mean.ecc) <= allowed + missed_in(window):
             return ""
         return (
             f"rotation and command are {window.mean.ecc * 1e6:.4g} µrad apart at {speed:.3g} rad/s; following error "
             f"and latency explain {allowed * 1e6:.3g}. Command, its stamps, or the zero of the heads are wrong"
         )
 
-    def _step(self, window: Window, last: Window, speed: float, scatter: float) -> str:
+    def _is_bent(self, missed: float, speed: float) -> bool:
+        """Whether interpolation misses more than samples and their stamps scatter by, which bends them as well."""
+        return missed > self._noise and missed > self._timing * abs(speed)
+
+    def _is_plain(self, missed: float, scatter: float, speed: float) -> bool:
+        """Whether a window's distance is one from begin to end: not interpolated wrong, and without a step."""
+        return not self._is_bent(missed, speed) and scatter <= RIPPLE * STEADY * self._limits.following_error
+
+    def _before_step(self, window: Window, last: Window) -> Place:
+        """The window that one is held against.
+
+        A step stays, and what interpolation misses does not: it is the last plain one, as long as that may take.
+        """
+        if self._plain is None or self._plain[0] < window.number - SHORT:
+            return last.number, last.mean.ecc, self._speed
+        return self._plain
+
+    def _step(self, window: Window, last: Window, before: Place, speed: float, scatter: float) -> str:
         """A step of the distance that neither the drive nor a change of speed makes."""
-        step = abs(window.mean.ecc - last.mean.ecc)
-        accelerated = self._limits.latency * abs(speed - self._speed)
-        missed = _missed_in(window) + _missed_in(last)
+        step, passed = abs(window.mean.ecc - before[1]), (window.number - before[0]) * window.duration
+        accelerated = self._limits.latency * abs(speed - before[2])
+        missed = missed_in(window) + missed_in(last)  # a third difference that changes its sign tells less
         if step <= STEADY * self._limits.following_error + accelerated + missed + 6.0 * scatter:
             return ""
         self._size = step
-        return f"a step of {step * 1e6:.3g} µrad between rotation and command within {window.duration * 1e3:g} ms"
+        return f"a step of {step * 1e6:.3g} µrad between rotation and command within {passed * 1e3:g} ms"
 
     def _moved_in_silence(self, window: Window, last: Window, speed: float, scatter: float) -> str:
         """The same over a silence of the heads: what is less than a step counts as uncertainty."""
@@ -293,7 +334,7 @@ class CommandBelief:
         )
 
     def _shift_in_silence(self, window: Window, last: Window, speed: float) -> float:
-        theta, distance, missed = window.mean.theta, window.mean.ecc, _missed_in(window)
+        theta, distance, missed = window.mean.theta, window.mean.ecc, missed_in(window)
         if not (window.tells_rotation and last.tells_rotation):  # the speed is anything up to this one
             return self._shift((theta, 0.0, (distance, 0.0)), missed, (abs(self.delay) + self._hidden) * abs(speed))
         return self._shift((theta, theta - last.mean.theta, (distance, speed)), missed)
@@ -303,16 +344,13 @@ class CommandBelief:
         unknown += missed if missed > self._noise else 0.0
         return self._zero.judge(*place, self.delay, self._noise, self._hidden, unknown)
 
-    def _scatter(self, window: Window) -> float:
-        """Standard deviation of a single distance by the scatter of windows about their neighbours, or within, rad."""
-        return _deviation(self._variances, max(1.0, window.ticks * window.mean.head_samples))
-
     def _stuck(self, window: Window, last: Window) -> str:
         """A command that stands while the rotor turns."""
         if self._goes_along((window.mean.theta, window.mean.ecc), (last.mean.theta, last.mean.ecc)):
             self._still = 0.0
             return ""
-        self._still += abs(window.mean.theta - last.mean.theta)
+        turned = abs(window.mean.theta - last.mean.theta)
+        self._still += max(turned - missed_in(window) - missed_in(last), 0.0)
         if self._still < 0.1 * self._limits.following_error:
             return ""
         return f"the command stands still while the rotor has turned by {self._still * 1e6:.3g} µrad"
@@ -330,26 +368,19 @@ class CommandBelief:
         distances: Sequence[float],
         scatters: Sequence[float],
         missed: Sequence[float],
-    ) -> list[tuple[float, float] | None]:
-        """Take in rotation, distance, scatter and what is missed of windows from the `first` on; give `_variances`."""
+        bent: bool = False,
+    ) -> list[Variances | None]:
+        """Take in rotation, distance, scatter and what is missed of windows from the `first` on; give variances.
+
+        Of `bent` windows none are learnt.
+        """
         for number, (theta, distance, miss) in enumerate(zip(thetas, distances, missed, strict=True), start=first):
             # the command's speed: at its rest a drive that settles goes as its distance does, late or not
             self._slope.add(number, theta - distance, distance, missed=miss)
-        course = [*self._distances, *distances]
-        self._distances = course[-2:]
-        squares = [
-            (here - 0.5 * (before + after)) ** 2
-            for before, here, after in zip(course, course[1:], course[2:], strict=False)
-        ]
-        without = len(distances) - len(squares)  # the first windows have not two before them
-        within = self._within.add([each**2 for each in scatters[without:]])
-        found = [self._variances] * without
-        for end, end_within in zip(self._squares.add(squares), within, strict=True):
-            known = self._squares.count(end, SHORT) == SHORT
-            variances = self._squares.mean(end, LONG) / 1.5, self._within.larger_mean(end_within, (LONG, SHORT))
-            found.append(variances if known else None)
-        self._variances = found[-1]
-        return found
+        if bent:  # what is missed is no noise, and counts by itself
+            self._scattering.interrupt()
+            return [self._scattering.variances]
+        return self._scattering.add(distances, scatters)
 
     def _measure_delay(self, window: Window) -> str:
         """Renew the delay now and then, behind a window that was taken in; give why it is too much."""
@@ -374,20 +405,3 @@ class CommandBelief:
 def _tells(window: Window) -> bool:
     """Whether the mean distance is one: not of a window that lacks rotation or command at some ticks."""
     return window.has("command") and window.has("heads")
-
-
-def _missed(head_bend: float, command_bend: float) -> float:
-    """What interpolation of heads and of command may miss of their mean distance in a window, rad.
-
-    Both by their third differences: of a jump of acceleration all of these have one sign, and those of noise cancel.
-    """
-    return KINK * (abs(head_bend) + abs(command_bend))
-
-
-def _missed_in(window: Window) -> float:
-    return _missed(window.mean.head_bend, window.mean.command_bend)
-
-
-def _deviation(variances: tuple[float, float] | None, samples: float) -> float:
-    """Standard deviation of a single one of so many samples by the variances among windows and within; 0 without."""
-    return 0.0 if variances is None else math.sqrt(max(variances[0] * samples, variances[1]))

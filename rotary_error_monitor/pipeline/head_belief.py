@@ -12,10 +12,10 @@ from rotary_error_monitor.description.stage_limits import StageLimits
 from rotary_error_monitor.metrology.agreement import chi_square_bound
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 from rotary_error_monitor.pipeline.evidence import EVERYWHERE, LONG, PERSISTENT, SHORT, Reach, Window, Windows
-from rotary_error_monitor.pipeline.ring_jumps import RingJumps, change_between
+from rotary_error_monitor.pipeline.ring_jumps import Change, RingJumps, change_between
 from rotary_error_monitor.pipeline.ring_scatter import RingScatter, StampsScatter
 from rotary_error_monitor.pipeline.trailing import Trailing
-from rotary_error_monitor.pipeline.turn_memory import Course
+from rotary_error_monitor.pipeline.turn_memory import Course, Held, distance
 from rotary_error_monitor.pipeline.wrong_head import Shown, fault_in_words, wrong_head
 
 AGREEMENT = 0.5
@@ -75,6 +75,8 @@ class HeadBelief:
         self._heads = dict(heads)
         self._radius, self._count = encoder.disc_radius, encoder.resolution
         self._limits, self._limit, self._timing = limits, limit, timing
+        # of a reading by the centre of heads in any usual places, of which each would come of a single sample
+        self._noisiest = 2.0 * math.hypot(encoder.noise, encoder.resolution / math.sqrt(12.0))
         self._described = HeadLayout(tuple(heads.values())).redundancy if heads else 0
         self.doubted: dict[str, str] = {}
         self.contradiction = ""
@@ -191,7 +193,8 @@ class HeadBelief:
             theta: rotation in it, rad.
             variance: of what is seen of the ring's centre, m².
         """
-        reading = math.sqrt(2.0 * variance) / self._radius  # noise of a head's: stamps show as speed over noise
+        # noise of a head's: stamps show as speed over noise, beside which no more counts of what interpolation misses
+        reading = min(math.sqrt(2.0 * variance) / self._radius, self._noisiest)
         last, self._last = self._last, (number, theta)
         if last is None or number == last[0] or reading == 0.0:
             speed, reading = 0.0, 1.0
@@ -291,10 +294,11 @@ class HeadBelief:
         noise = math.sqrt(variance) * self._scatter.scale(rate)
         allowed = self._limits.radial_rate * window.duration + 6.0 * math.sqrt(2.0) * noise
         before, last, sure = course.turn.get(theta, moved), course.place, course.sure
-        here, *others = (each for each, _ in islice(reversed(self._history), 2))
-        change = change_between(others[0], here, self._radius) if others else None
+        here, *others = islice(reversed(self._history), 2)
+        change = change_between(others[0][0], here[0], self._radius) if others else None
         gap = course.number != window.number - 1
         course.follow(window.number, theta, place, sure=False)
+        slow = course.hold(Held(window.number, here[0], noise), self._limits.radial_rate * window.duration)
         if self.contradiction:
             # a jump within a gap may be less than what the bearing had the time for
             self._jumps.follow(change, jump=gap or (change is not None and max(map(abs, change[:2])) > allowed))
@@ -306,12 +310,12 @@ class HeadBelief:
         steps = [distance(place, each) for each in (last, None if settled else before) if each is not None]
         most = allowed + min(self._limits.radial_rate * (passed - window.duration), self._limits.radial)
         if steps and min(steps) > most:
-            self._step, self._returning = min(steps), 0.0
-            self._jumps.begin(change)
-            self.contradiction = (
-                f"a step of {min(steps) * 1e6:.3g} µm within {passed * 1e3:g} ms that no bearing makes (at most "
-                f"{most * 1e6:.3g} µm), and too few heads to tell which is wrong; a reset accepts it"
-            )
+            self._contradict(change, min(steps), most, passed)
+            return
+        if slow is not None and settled:
+            self._jumps.forget_last()  # what was before is in it
+            change = change_between(slow.before, here[0], self._radius)
+            self._contradict(change, slow.size, slow.most, slow.windows * window.duration)
             return
         self._jumps.follow(change, jump=False)
         self._scatter.add(window.number, place, variance, rate)
@@ -321,9 +325,18 @@ class HeadBelief:
         if not settled and (min(told) <= allowed if told else course.turn.empty):
             self.settled, settled = self.settled | frozenset(self._believed), True
         course.sure = settled
-        if settled:
+        if settled and course.holds(window.number):  # what is interpolated may be a part of a step
             course.turn.put(theta, moved, place)
         self.reach = Reach(*place, 1.5 * allowed)
+
+    def _contradict(self, change: Change | None, step: float, most: float, passed: float) -> None:
+        """Believe no head: of a step (m) within a time (s) that is more than the most that is explained."""
+        self._step, self._returning = step, 0.0
+        self._jumps.begin(change)
+        self.contradiction = (
+            f"a step of {step * 1e6:.3g} µm within {passed * 1e3:g} ms that no bearing makes (at most {most * 1e6:.3g} "
+            "µm), and too few heads to tell which is wrong; a reset accepts it"
+        )
 
     def _wait_for_return(self, duration: float, off: float, near: float) -> None:
         """Believe the heads again once the ring is as near to where it was at this angle, or its jumps are taken back.
@@ -371,6 +384,8 @@ class HeadBelief:
         Where the ring was is the same for all of them, but not what of it they see.
         """
         self._scatter.forget_last()
+        for course in self._courses.values():
+            course.held = None
         self._jumps = RingJumps()
         self._beyond: deque[tuple[bool, bool, float]] = deque(maxlen=SHORT)
         self._since = 0
@@ -392,8 +407,3 @@ class HeadBelief:
         if names not in self._layouts:
             self._layouts[names] = HeadLayout(tuple(self._heads[name] for name in names))
         return self._layouts[names]
-
-
-def distance(one: tuple[float, float], other: tuple[float, float]) -> float:
-    """The larger of the two components."""
-    return max(abs(one[0] - other[0]), abs(one[1] - other[1]))

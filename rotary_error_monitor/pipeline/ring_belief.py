@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
+from itertools import pairwise
 from operator import sub
 
 from rotary_error_monitor.description.stage import Encoder, StageDescription
 from rotary_error_monitor.metrology.description_check import MIRRORED, Claim, FigureCheck, departure
+from rotary_error_monitor.metrology.error_motion import KINK
 from rotary_error_monitor.pipeline.evidence import LONG, SHORT, SIGMAS, Window, Windows
 from rotary_error_monitor.pipeline.head_belief import AGREEMENT
 from rotary_error_monitor.pipeline.speed_slope import SpeedSlope
@@ -96,7 +98,8 @@ class RingBelief:
         if not window.has("heads"):
             self._agreeing = 0.0
             return
-        self._measure(window.number, window.duration, window.mean.theta, *window.pair("surplus"))
+        missed = self._missed(window.mean.head_bend)
+        self._measure(window.number, window.duration, window.mean.theta, window.pair("surplus"), missed)
         wrong = self._beyond(window)
         if not wrong and window.has("radial"):
             place = [window.mean.theta], [window.vector("centre")], [window.vector("surplus")]
@@ -112,12 +115,18 @@ class RingBelief:
     def foresee(self, windows: Windows) -> None:
         """Make ready for windows that are to be judged."""
         mean = windows.mean
-        self._slope.foresee(windows.first, SHORT, mean.theta, mean.surplus_x, mean.surplus_y)
+        missed = list(map(self._missed, mean.head_bend))
+        self._slope.foresee(windows.first, SHORT, mean.theta, mean.surplus_x, mean.surplus_y, missed=missed)
 
     def are_calm(self, windows: Windows) -> bool:
         """Whether windows of heads that see the radial error motion and agree fit, but for what the last measures."""
         mean = windows.mean
         if self.doubt or not self.figure.covers(mean.theta):
+            return False
+        if self._last is None or self._last[0] != windows.first - 1:
+            return False
+        moved = (theta - before for before, theta in pairwise([self._last[1], *mean.theta]))
+        if any(map(self._is_bent, mean.head_bend, (abs(each) / windows.duration for each in moved))):
             return False
         motions = map(_motion, mean.surplus_x, mean.surplus_y, mean.described_x, mean.described_y)
         if not (all(each > 0.0 for each in mean.believed_agreement) and all(each <= self._limit for each in motions)):
@@ -130,8 +139,9 @@ class RingBelief:
     def take_in(self, windows: Windows) -> list[float]:
         """Take in windows that are calm, as `judge` does; give `late` after each."""
         mean, duration, late, apart = windows.mean, windows.duration, list[float](), list[float]()
-        for number, theta, x, y in zip(windows.numbers, mean.theta, mean.surplus_x, mean.surplus_y, strict=True):
-            self._measure(number, duration, theta, x, y)
+        shown = mean.theta, windows.pairs("surplus"), map(self._missed, mean.head_bend)
+        for number, theta, surplus, missed in zip(windows.numbers, *shown, strict=True):
+            self._measure(number, duration, theta, surplus, missed)
             late.append(self.late)
             apart.append(self._apart_by_stamps)
         self._add(mean.theta, windows.vectors("centre"), windows.vectors("surplus"), apart)
@@ -146,7 +156,7 @@ class RingBelief:
     def _beyond(self, window: Window) -> str:
         mean = window.mean
         motion = _motion(mean.surplus_x, mean.surplus_y, mean.described_x, mean.described_y)
-        most = self._limit + self._apart_by_stamps
+        most = self._limit + self._apart_by_stamps + self._missed(mean.head_bend)
         if motion <= most:
             return ""
         return (
@@ -154,14 +164,23 @@ class RingBelief:
             "Eccentricity, radius of the ring or places of the heads are not as described"
         )
 
-    def _measure(self, number: int, duration: float, theta: float, x: float, y: float) -> None:
+    def _missed(self, bend: float) -> float:
+        """What interpolation of heads whose stamps are not the same may make of a displacement that is none, m."""
+        return KINK * abs(bend) * self._radius
+
+    def _is_bent(self, bend: float, speed: float) -> bool:
+        """Whether interpolation misses more than samples and their stamps scatter by, which bends them as well."""
+        missed = self._missed(bend)
+        return missed > self._noise and missed > self._timing * speed * self._radius
+
+    def _measure(self, number: int, duration: float, theta: float, surplus: tuple[float, float], missed: float) -> None:
         """The part of the displacement that goes with the speed."""
         last, self._last = self._last, (number, theta)
         if last is None or last[0] != number - 1:
             self._speed = self._fastest
             return
         self._speed = abs(theta - last[1]) / duration
-        self._slope.add(number, theta, x, y)
+        self._slope.add(number, theta, *surplus, missed=missed)
         if number % SHORT == 0 and len(self._slope) >= SHORT:
             self._slope.measure(duration)
         self.late = self._speed * self._slope.length
@@ -188,7 +207,8 @@ class RingBelief:
     def _too_quiet(self, window: Window) -> str:
         """Heads that move and yet scatter far less than the described noise."""
         agreement, theta = window.mean.believed_agreement, window.mean.theta
-        if agreement == 0.0:  # no redundancy to see it by
+        if agreement == 0.0 or self._is_bent(window.mean.head_bend, self._speed):
+            # no redundancy to see it by, or what is stated is more than their noise
             self._agreement.clear()
             self._turned.clear()
             return ""

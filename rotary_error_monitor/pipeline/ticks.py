@@ -170,7 +170,7 @@ class TickMaker:
                 _put_tilt(motion, seen, parts)
         heads = tuple(name for name in self._heads if name in used)
         everyone = tuple(name for name in self._heads if name in there)
-        layout, ring = self._ring(heads, sampled)
+        layout, ring = self._ring(heads, sampled, rates)
         if layout is not None and ring is not None:
             disagreement = ring.disagreement
             parity[:, : layout.redundancy] = ring.parity
@@ -183,7 +183,7 @@ class TickMaker:
                 bends = np.concatenate([sampled[name].bend for name in (*heads, COMMAND)], axis=1)
                 command = CommandParts(sampled[COMMAND].values[:, 0], bends)
             self._put(motion, seen, seen_ring, tilt, command)
-        whole = ring if everyone == heads else self._ring(everyone, sampled)[1]
+        whole = ring if everyone == heads else self._ring(everyone, sampled, rates)[1]
         if whole is not None:
             seen[:, evidence.INDEX["agreement"]] = whole.disagreement**2
         readings = self._readings.read(sampled, there, count) if self._readings else np.empty((count, 0))
@@ -191,7 +191,7 @@ class TickMaker:
         return Ticks(motion, seen, parity, disagreement, layout, redundancy, readings)
 
     def _ring(
-        self, heads: tuple[str, ...], sampled: Mapping[str, Resampled]
+        self, heads: tuple[str, ...], sampled: Mapping[str, Resampled], rates: Mapping[str, float]
     ) -> tuple[HeadLayout | None, RingPose | None]:
         """Layout and pose by some heads; none where these do not tell the rotation."""
         layout = self.layout(heads)
@@ -201,8 +201,13 @@ class TickMaker:
         readings = np.concatenate([sampled[name].values for name in heads], axis=1)
         readings = remove_graduation(readings, np.array(layout.azimuths), encoder)
         gain = np.concatenate([sampled[name].gain[:, None] for name in heads], axis=1)
-        travel = np.concatenate([sampled[name].travel for name in heads], axis=1)
-        variance = head_variance(encoder, gain, travel)
+        travel, bend = (
+            np.concatenate([getattr(sampled[name], each) for name in heads], axis=1) for each in ("travel", "bend")
+        )
+        # heads miss alike, but the samples of one around a tick may hide what those of another show
+        bend = np.abs(bend).max(axis=1, keepdims=True)
+        speed = (travel * [rates[name] / 3.0 for name in heads]).max(axis=1, keepdims=True)  # over three intervals
+        variance = head_variance(encoder, gain, travel, bend, self._stage.timing("encoder") * speed)
         return layout, estimate_ring_pose(layout, encoder.disc_radius, readings, variance)
 
     def _ring_parts(self, layout: HeadLayout, ring: RingPose, slowest: float) -> RingParts:

@@ -12,9 +12,10 @@ from rotary_error_monitor.description.stage import Autocollimator, StageDescript
 from rotary_error_monitor.metrology.description_check import DARK, MIRRORED, Claim, FigureCheck, Finding, departure
 from rotary_error_monitor.metrology.repeated_readings import run_by_chance
 from rotary_error_monitor.pipeline.evidence import LONG, SHORT, SIGMAS, Reach, Window, Windows
-from rotary_error_monitor.pipeline.head_belief import AGREEMENT, distance
+from rotary_error_monitor.pipeline.head_belief import AGREEMENT
 from rotary_error_monitor.pipeline.tilt_look import Look, bounds_of, mean_of
 from rotary_error_monitor.pipeline.trailing import Trailing
+from rotary_error_monitor.pipeline.turn_memory import distance
 from rotary_error_monitor.pipeline.usual_level import UsualLevel
 
 _ROOT = math.sqrt(2.0)

@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import NamedTuple
+
+from rotary_error_monitor.pipeline.evidence import SIGMAS
 
 ANGLES = 360
 """Angles told apart in a turn: error motion of order 8 changes by a seventh of its size from one to the next."""
@@ -44,6 +47,41 @@ class TurnMemory:
         return None if math.isnan(x) else (x / len(places), y / len(places))
 
 
+class Held(NamedTuple):
+    """A window that others are held against.
+
+    Attributes:
+        number: of the window.
+        shown: what the heads show, as `wrong_head.Shown`.
+        noise: standard deviation of its place, m.
+    """
+
+    number: int
+    shown: tuple[float, float, float, float]
+    noise: float
+
+    @property
+    def place(self) -> tuple[float, float]:
+        """Of the ring's centre, m."""
+        return self.shown[2:]
+
+
+class Step(NamedTuple):
+    """A change that no bearing makes.
+
+    Attributes:
+        size: m.
+        most: what the bearing and noise explain, m.
+        windows: over how many it was found.
+        before: what the heads showed before it, as of `Held`.
+    """
+
+    size: float
+    most: float
+    windows: int
+    before: tuple[float, float, float, float]
+
+
 class Course:
     """Where what is seen of the ring's centre was, over a turn and at last.
 
@@ -53,6 +91,8 @@ class Course:
         theta: rotation then, rad.
         number: of the window then.
         sure: whether it rests on heads of which none may have lost counts.
+        held: number, place and noise (m) of the window that tells most of where it may be next: a step lasts, but the
+            windows between which it is interpolated tell little.
     """
 
     def __init__(self) -> None:
@@ -66,6 +106,7 @@ class Course:
         self.theta: float | None = None
         self.number: int | None = None
         self.sure = False
+        self.held: Held | None = None
 
     def moved(self, number: int, theta: float) -> float:
         """Rotation since the last window, rad; of a window behind a gap nothing but its middle is known."""
@@ -78,6 +119,26 @@ class Course:
             self.turn.put(*each)
         self.follow(first + len(thetas) - 1, thetas[-1], places[-1], sure=True)
 
+    def hold(self, window: Held, rate: float) -> Step | None:
+        """Hold on to a window unless the one that is held tells more; give the step from that one if there is one.
+
+        Args:
+            window: the latest.
+            rate: largest way from one window to the next, m.
+        """
+        before, self.held = self.held, window
+        if before is None:
+            return None
+        way = rate * (window.number - before.number)
+        if SIGMAS * before.noise + way < SIGMAS * window.noise:
+            self.held = before
+        size, most = distance(window.place, before.place), way + SIGMAS * math.hypot(before.noise, window.noise)
+        return Step(size, most, window.number - before.number, before.shown) if size > most else None
+
+    def holds(self, number: int) -> bool:
+        """Whether a window is the one that is held."""
+        return self.held is not None and self.held.number == number
+
     def follow(self, number: int, theta: float, place: tuple[float, float], *, sure: bool) -> None:
         """Take in where it is in a window."""
         self.number, self.theta, self.place, self.sure = number, theta, place, sure
@@ -88,3 +149,8 @@ def _places(theta: float, moved: float) -> range:
     half = abs(moved) / 2
     first, last = math.floor((theta - half) / _STEP), math.floor((theta + half) / _STEP)
     return range(first, min(last + 1, first + ANGLES))
+
+
+def distance(one: tuple[float, float], other: tuple[float, float]) -> float:
+    """The larger of the two components."""
+    return max(abs(one[0] - other[0]), abs(one[1] - other[1]))

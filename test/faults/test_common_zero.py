@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 from described_stages import stage_of
-from draws import ALL
+from draws import ALL, seeds
 from world import Options, Recording, make_recording, random_stage
 
 from faults.documenting import Row, shows
@@ -31,19 +31,26 @@ MOTIONS = ("steady", "both_directions", "s_curves", "creep", "indexing")
 
 
 @cache
-def recorded(seed: int) -> Recording:
+def recorded(seed: int, duration: float = DURATION) -> Recording:
     """A random stage with three heads or more."""
     drawn = (random_stage(number) for number in range(1000 * seed, 1000 * seed + 1000))
     stage = next(each for each in drawn if len(each["encoder"]["heads"]) > 2)
     lag = float(np.random.default_rng([seed, 9]).uniform(0.0, 2.5e-4))  # of a drive that nobody has told before
     options = Options(motion=MOTIONS[seed % len(MOTIONS)], odd_rates=False, drive_lag=lag)
-    return make_recording(seed, duration=DURATION, stage=stage, options=options)
+    return make_recording(seed, duration=duration, stage=stage, options=options)
 
 
 @cache
-def judged(seed: int, off: float, gap: float = GAP, until: float = np.inf, begin: float = BEGIN) -> Judgement:
+def judged(
+    seed: int,
+    off: float,
+    gap: float = GAP,
+    until: float = np.inf,
+    begin: float = BEGIN,
+    duration: float = DURATION,
+) -> Judgement:
     """All heads are silent for a time (s) and off by an angle (rad) after it, from one time to another (s)."""
-    recording, changed = recorded(seed), {}
+    recording, changed = recorded(seed, duration), {}
     for topic in recording.head_topics:
         pairs = []
         for block, arrival in zip(recording.blocks[topic], recording.arrivals[topic], strict=True):
@@ -127,6 +134,16 @@ def test_counts_that_all_heads_lose_at_once_are_a_step_or_within_what_is_stated(
         else:
             # it is seen within 0.1 s
             assert found.wrong["ecc"] <= 0.1 / DURATION, (seed, found.wrong, found.doubted)
+
+
+def test_counts_that_all_heads_lose_at_any_time_are_told():
+    """Within a window, or between the samples of a head, as well as beside them."""
+    wrong = {}
+    for seed in seeds(24, first=100):
+        draw = np.random.default_rng(seed)
+        off, begin = float(draw.choice([3e-4, -3e-4, 4e-4, -5e-4])), float(draw.uniform(1.0, 2.0))
+        wrong[seed] = judged(seed, off, gap=0.0, begin=begin, duration=3.0).wrong["ecc"]
+    assert all(part <= 0.1 / 3.0 for part in wrong.values()), wrong
 
 
 @pytest.mark.few(2)

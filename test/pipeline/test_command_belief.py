@@ -20,13 +20,24 @@ def stage() -> StageDescription:
     return stage_of(random_stage(3))
 
 
-def windows(theta: np.ndarray, command: np.ndarray, there: np.ndarray | None = None) -> list[Window]:
-    """Windows in which the command is `there` for a part of the ticks, without it for all."""
+def windows(
+    theta: np.ndarray,
+    command: np.ndarray,
+    there: np.ndarray | None = None,
+    bends: np.ndarray | None = None,
+    scatter: np.ndarray | None = None,
+) -> list[Window]:
+    """Windows in which the command is `there` for a part of the ticks, without it for all.
+
+    Third differences of the heads are `bends` (rad), and ticks scatter by `scatter` (rad) about a line.
+    """
     shown = {"heads": 1.0, "radial": 1.0, "head_samples": 1.0, "radial_variance": 1e-18}
     parts = np.ones(len(theta)) if there is None else there
+    bent = np.zeros(len(theta)) if bends is None else bends
+    scattered = np.full(len(theta), 1e-7) if scatter is None else scatter
     values = [
-        shown | {"theta": angle, "ecc": part * (angle - commanded), "command": part}
-        for angle, commanded, part in zip(theta, command, parts, strict=True)
+        shown | {"theta": angle, "ecc": part * (angle - commanded), "command": part, "head_bend": bend}
+        for angle, commanded, part, bend in zip(theta, command, parts, bent, strict=True)
     ]
     return [
         Window(
@@ -34,7 +45,7 @@ def windows(theta: np.ndarray, command: np.ndarray, there: np.ndarray | None = N
             PERIOD,
             TICKS,
             Means._make(float(each.get(name, 0.0)) for name in COLUMNS),
-            Scatter(1e-7, 1e-7, 1e-7),
+            Scatter(float(scattered[number]), 1e-7, 1e-7),
             np.zeros(1),
             0,
             True,
@@ -160,3 +171,47 @@ def test_behind_a_silence_at_another_speed_an_unseen_delay_leaves_positioning_op
     else:
         assert not untold[590]
     assert not untold[899]
+
+
+def stepped(ticks: np.ndarray, samples: int, spread: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Means, third differences and scatter of windows of ticks, which are interpolated from each `spread`-th."""
+    sampled = ticks[::spread]
+    at = np.arange(len(ticks)) / spread
+    place = np.minimum(np.maximum(at.astype(int), 1), len(sampled) - 3)
+    part = (at - place)[:, None]
+    four = sampled[place[:, None] + np.arange(-1, 3)]
+    weights = np.hstack(
+        [
+            -part * (part - 1) * (part - 2) / 6,
+            (part + 1) * (part - 1) * (part - 2) / 2,
+            -(part + 1) * part * (part - 2) / 2,
+            (part + 1) * part * (part - 1) / 6,
+        ]
+    )
+    seen, bend = (weights * four).sum(axis=1).reshape(-1, samples), four @ [-1.0, 3.0, -3.0, 1.0]
+    course = np.arange(samples) - 0.5 * (samples - 1)
+    off = seen - seen.mean(axis=1, keepdims=True)
+    off -= course * ((off @ course) / (course @ course))[:, None]
+    scatter = np.sqrt((off**2).sum(axis=1) / (samples - 2))
+    return seen.mean(axis=1), bend.reshape(-1, samples).mean(axis=1), scatter
+
+
+@pytest.mark.parametrize("spread", [1, 2, 4, 10, 16])
+def test_a_step_is_told_wherever_in_a_window_and_between_samples_it_falls(spread, stage):
+    """Samples are so many ticks of 1 ms apart; it ends as it began, and what was before is believed again."""
+    generator = np.random.default_rng(spread)
+    for _ in range(3):
+        off = generator.choice([-1.0, 1.0]) * generator.uniform(0.3, 0.8) * stage.limits.following_error
+        begin, end = int(generator.integers(3000, 3000 + 10 * spread)), int(generator.integers(6000, 6100))
+        ticks = np.zeros(TICKS * COUNT)
+        ticks[begin:end] = off
+        distance, bends, scatter = stepped(ticks, TICKS, spread)
+        theta = moved(PERIOD * np.arange(COUNT))
+        distance += 1e-7 * generator.normal(size=COUNT)
+        belief, found = CommandBelief(stage), []
+        for window in windows(theta + distance, theta, None, bends, np.hypot(scatter, 1e-7)):
+            belief.judge(window)
+            found.append(belief.doubt)
+        assert not any(found[: begin // TICKS])
+        assert all(found[begin // TICKS + 10 : end // TICKS]), (off, begin)
+        assert not any(found[end // TICKS + 70 :]), (off, end)

@@ -1,0 +1,95 @@
+"""Heads of 60 to 250 Hz on stages whose acceleration jumps: what lies between their samples is no fault of a head."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from draws import seeds
+from numpy.typing import NDArray
+from world import FAULTS, Options, Recording, make_recording, random_stage
+from world.options import RAMPS
+from world.recording import AUTOCOLLIMATOR, COMMAND, head_topic
+
+from faults.judging import judge
+from faults.recordings import MOST_WRONG
+from faults.test_sampled_commands import quickest
+from rotary_error_monitor.pipeline.command_belief import ACCELERATION
+from rotary_error_monitor.signals.blocks import SampleBlock
+
+RATES = (60.0, 100.0, 250.0)
+
+
+@cache
+def recorded(seed: int) -> Recording:
+    """A recording of heads with hardly any noise, or as usual."""
+    generator, section = np.random.default_rng([seed, 3]), random_stage(seed)
+    if seed % 4 < 2:
+        section["encoder"] |= {"noise": 1e-9, "counts_per_line": 1_000_000}
+    heads = dict.fromkeys(map(head_topic, section["encoder"]["heads"]), RATES[seed % len(RATES)])
+    habits = replace(
+        Options.textbook(noise=1.0),
+        motion=("both_directions", "indexing", "s_curves")[seed // 6 % 3],
+        ramps=RAMPS[1 + seed % 2],
+        odd_rates=False,
+        rates={COMMAND: 1000.0, AUTOCOLLIMATOR: 200.0, **heads},
+        block_period=0.02,
+        lost_blocks=0.0,
+        force=False,
+        temperature=False,
+        lvdt=False,
+    )
+    speed = float(generator.uniform(1.0, 6.0))
+    while quickest(seed, replace(habits, peak_speed=speed)) > ACCELERATION:
+        speed *= 0.8
+    return make_recording(seed, duration=3.0, stage=section, options=replace(habits, peak_speed=speed))
+
+
+def stepped(recording: Recording, topic: str, off: float, begin: float) -> tuple[list[SampleBlock], NDArray[np.int64]]:
+    """Blocks of a stream that is off by an angle (rad) from a time (s) on, and their arrivals."""
+    blocks = []
+    for block in recording.blocks[topic]:
+        rows = block.rows.copy()
+        rows[:, 1] += off * ((block.times_ns - recording.start_ns) * 1e-9 >= begin)
+        blocks.append(SampleBlock(block.stamp_ns, block.names, rows))
+    return blocks, recording.arrivals[topic]
+
+
+def test_what_lies_between_two_samples_of_a_head_is_no_fault():
+    """At 60 Hz a ramp that is shorter than two samples may still leave more than a single jump of acceleration does."""
+    found = {seed: judge(recorded(seed), recorded(seed).stage) for seed in seeds(36)}
+    doubted = {seed: dict(each.doubted) for seed, each in found.items() if each.doubted}
+    assert len(doubted) <= 0.1 * len(found), doubted
+    assert not any("heads" in each or "command" in each for each in doubted.values()), doubted
+    assert np.mean([each.worst for each in found.values()]) <= MOST_WRONG
+
+
+@pytest.mark.parametrize("fault", ["head_jumps_line", "head_late"])
+def test_a_head_that_is_off_is_told_all_the_same(fault):
+    told, wrong = [], []
+    for seed in seeds(18):
+        stepped = FAULTS[fault](recorded(seed), np.random.default_rng(seed))
+        found = judge(stepped.recording, recorded(seed).stage)
+        told.append(any(name.startswith("head") for name in found.doubted))
+        wrong.append(found.worst)
+    assert np.mean(told) > 0.8, told
+    assert np.mean(wrong) <= MOST_WRONG, wrong
+
+
+@pytest.mark.parametrize("which", ["heads", "command"])
+def test_a_step_of_all_heads_or_of_the_command_is_told_wherever_it_falls(which):
+    """Also between two samples, and while the stage is accelerated."""
+    told, wrong = [], []
+    for seed in seeds(18):
+        recording, draw = recorded(seed), np.random.default_rng([seed, 77])
+        off, begin = float(draw.choice([3e-4, -3e-4, 4e-4, -5e-4])), float(draw.uniform(1.0, 2.5))
+        topics = recording.head_topics if which == "heads" else [COMMAND]
+        changed = {topic: stepped(recording, topic, off, begin) for topic in topics}
+        found = judge(recording.with_topics(changed), recording.stage)
+        told.append("command" in found.doubted or "heads" in found.doubted)
+        wrong.append(found.worst)
+    assert np.mean(told) > 0.8, told
+    assert max(wrong) <= 0.1 / 3.0, wrong
+    assert np.mean(wrong) <= 2.0 * MOST_WRONG, "it is told within some of their samples"
