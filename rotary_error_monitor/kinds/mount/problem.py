@@ -26,8 +26,9 @@ from rotary_error_monitor.kinds.mount.course import Courses
 from rotary_error_monitor.kinds.mount.description import MountDescription, MountGeometry
 from rotary_error_monitor.kinds.mount.effects import MountEffect
 from rotary_error_monitor.kinds.mount.modulations import mount_departures
+from rotary_error_monitor.kinds.mount.refraction import LOWEST
 from rotary_error_monitor.kinds.mount.sky import MOST_OUTLIERS, estimate_repeatability, sky_conditions, sky_patches
-from rotary_error_monitor.kinds.mount.twin import MountRecording, MountTwin
+from rotary_error_monitor.kinds.mount.twin import FEWEST_POINTINGS, MountRecording, MountTwin
 from rotary_error_monitor.units import ARCSEC
 
 ORDERS = 4
@@ -59,6 +60,9 @@ class MountProblem(TableProblem[MountGeometry]):
         effects: the known effects.
         known: effects that the twin has.
 
+    Raises:
+        InputError: too few stars stand well above the horizon.
+
     Attributes:
         recording: the pointings, arranged patch after patch of the sky.
         labels: (n,) number of the group of patches that a pointing is left out with.
@@ -82,6 +86,8 @@ class MountProblem(TableProblem[MountGeometry]):
         self.mount = mount
         self.recording = recording.chosen(np.concatenate(patches))
         self.twin = MountTwin(mount, self.recording, known)
+        if int(np.count_nonzero(~self.twin.too_low)) < FEWEST_POINTINGS:
+            raise InputError(f"{self._low_in_words()}; at least {FEWEST_POINTINGS} others are needed")
         self.labels = np.repeat(conditions.labels, [len(patch) for patch in patches])
         self._courses = Courses(self.recording.time, self.twin.side)
         self._found_without: Array = np.zeros(6)
@@ -208,9 +214,10 @@ class MountProblem(TableProblem[MountGeometry]):
         """Noise as found, and outliers that were left out."""
         hour, declination = self.std * ARCSEC
         words = f"neighbouring pointings differ by {hour:.1f}″ in hour angle and {declination:.1f}″ in declination: "
-        lost = int(np.count_nonzero(~self.kept))
+        lost = int(np.count_nonzero(~self.kept & ~self.twin.too_low))
         return (
             words + "that is taken for noise",
+            *([f"{self._low_in_words()}; they were left out"] if np.any(self.twin.too_low) else []),
             *([f"{lost} of {len(self.kept)} pointings are outliers and were left out"] if lost else []),
         )
 
@@ -276,4 +283,10 @@ class MountProblem(TableProblem[MountGeometry]):
         places = np.column_stack([self.recording.readings, time])
         errors = self.error(causes).T
         on_sky, kept = estimate_repeatability(errors, places)
+        kept &= ~self.twin.too_low
         return np.maximum(self._courses.noise(errors, on_sky, kept), self.mount.noise), kept
+
+    def _low_in_words(self) -> str:
+        low = int(np.count_nonzero(self.twin.too_low))
+        lowest = f"{np.degrees(LOWEST):.0f}°"
+        return f"{low} of {len(self.twin.too_low)} pointings are lower than {lowest}, where refraction is not known well enough"

@@ -9,7 +9,8 @@ import numpy as np
 from rotary_error_monitor.arrays import Array
 
 LOWEST = np.radians(5.0)
-"""Altitude, rad, down to which two terms hold to a few arcseconds; lower stars get the refraction of this altitude."""
+"""Altitude, rad, down to which two terms hold to a few arcseconds; lower stars do not count, with the
+refraction of this altitude."""
 
 
 @dataclass(frozen=True)

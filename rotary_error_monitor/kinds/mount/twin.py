@@ -12,7 +12,7 @@ from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.kinds.mount.description import MountDescription, MountGeometry, mount_machine
 from rotary_error_monitor.kinds.mount.effects import MountEffect, PointingState, cross, dot
-from rotary_error_monitor.kinds.mount.refraction import Weather, refraction_of
+from rotary_error_monitor.kinds.mount.refraction import LOWEST, Weather, refraction_of
 from rotary_error_monitor.machine.kinematics import arrange_machine, stand
 from rotary_error_monitor.machine.transforms import rotate, rotation_by
 from rotary_error_monitor.twin.finite import check_finite
@@ -53,6 +53,7 @@ class MountTwin:
     Attributes:
         seen: (3, n) unit vectors to the stars as the mount must point at them, in the ground's frame.
         sought: (3, n) the same without refraction.
+        too_low: (n,) whether a star is lower than its refraction is known.
         side: (n,) of the pier, as `PointingState` has it.
         machine: the mount's machine as the description has it.
         known: effects that the twin has.
@@ -68,7 +69,9 @@ class MountTwin:
         self._direction = np.ascontiguousarray(recording.direction.T)
         self.sought = star_directions(recording.stars, self.latitude)
         self.upward = np.array([[0.0], [0.0], [1.0]])
-        self.refraction = refraction_of(np.arcsin(np.clip(self.sought[2], -1.0, 1.0)), recording.weather)
+        altitude = np.arcsin(np.clip(self.sought[2], -1.0, 1.0))
+        self.refraction = refraction_of(altitude, recording.weather)
+        self.too_low = (altitude < LOWEST) & (self.refraction > 0)
         lifted = rotate(rotation_by(self._lift()), self.sought)
         self.seen = lifted if mount.refraction else self.sought
         self._west, self._north = _ways(self.seen, self.latitude)

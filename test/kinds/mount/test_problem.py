@@ -242,6 +242,49 @@ def test_stars_below_the_horizon_are_told():
         diagnose(MountProblem(southern, recording, EFFECTS))
 
 
+def lifted_by_air(pose):
+    """What air does near the horizon as well, of 1010 hPa and 10 °C, without its sign: the star stands lower.
+
+    Bennett 1982 (J. Navigation 35, 255), with his second term: within 0.9″ of Garfinkel's theory down to the horizon.
+    """
+    altitude = np.degrees(np.arcsin(np.sum(pose.tube * pose.up, axis=1)))
+    minutes = 1 / np.tan(np.radians(altitude + 7.31 / (altitude + 4.4)))
+    minutes -= 0.06 * np.sin(np.radians(14.7 * minutes + 13))
+    across = np.cross(pose.tube, -pose.up)
+    size = np.radians(np.where(altitude > 0, minutes, 0.0) / 60)
+    return size[:, None] * across / np.linalg.norm(across, axis=1, keepdims=True)
+
+
+def test_stars_near_the_horizon_are_no_other_refraction():
+    """Two terms do not hold there, and what they miss is no weather."""
+    told = []
+    for seed in seeds(9, 3100):
+        made = simulate_pointings(seed, 300, turn=lifted_by_air)
+        altitude = np.arcsin(
+            np.sin(LATITUDE) * np.sin(made.stars[:, 1])
+            + np.cos(LATITUDE) * np.cos(made.stars[:, 1]) * np.cos(made.stars[:, 0])
+        )
+        above = altitude > 0
+        made = Pointings(made.stars[above], made.readings[above], made.sidereal[above])
+        low = int(np.count_nonzero(altitude[above] < np.radians(5.0)))
+        problem = MountProblem(MOUNT, parse_pointings(pointing_file(made, 1010.0), "made"), EFFECTS)
+        diagnosis = diagnose(problem)
+        said = f"{low} of {len(made.stars)} pointings are lower than 5°, where refraction is not known well enough"
+        assert any(said in remark for remark in diagnosis.remarks), (said, diagnosis.remarks)
+        told.append(diagnosis.verdict)
+    assert told.count(Verdict.NO_GAP) >= len(told) - 1, told
+
+
+def test_pointings_at_the_horizon_alone_are_refused():
+    made = simulate_pointings(4, 6000, turn=lifted_by_air)
+    sine = np.sin(LATITUDE) * np.sin(made.stars[:, 1])
+    sine += np.cos(LATITUDE) * np.cos(made.stars[:, 1]) * np.cos(made.stars[:, 0])
+    low = (sine > 0) & (sine < np.sin(np.radians(5.2)))
+    made = Pointings(made.stars[low], made.readings[low], made.sidereal[low])
+    with pytest.raises(InputError, match=r"pointings are lower than 5°.* at least 30 others are needed"):
+        diagnose(MountProblem(MOUNT, parse_pointings(pointing_file(made, 1010.0), "made"), EFFECTS))
+
+
 @real
 @pytest.mark.parametrize(
     ("file", "twin", "count"),
