@@ -287,6 +287,5 @@ class MountProblem(TableProblem[MountGeometry]):
         return np.maximum(self._courses.noise(errors, on_sky, kept), self.mount.noise), kept
 
     def _low_in_words(self) -> str:
-        low = int(np.count_nonzero(self.twin.too_low))
-        lowest = f"{np.degrees(LOWEST):.0f}°"
-        return f"{low} of {len(self.twin.too_low)} pointings are lower than {lowest}, where refraction is not known well enough"
+        low, count, lowest = np.count_nonzero(self.twin.too_low), len(self.twin.too_low), np.degrees(LOWEST)
+        return f"{low} of {count} pointings are lower than {lowest:.0f}°, where refraction is not known well enough"
