@@ -25,7 +25,7 @@ BY_CHANCE = 0.01
 GROUP = "time"
 
 
-class Courses:
+class TimeCourses:
     """Powers of time and half waves over the recording, each on the sky and about the declination axis.
 
     A turn about the declination axis moves the tube the other way on the other side of the pier. The shortest half wave

@@ -22,7 +22,7 @@ from rotary_error_monitor.gap.problem import Candidate, Finding, Rows
 from rotary_error_monitor.gap.table import Shapes, TableProblem
 from rotary_error_monitor.kinds.mount.advice import mount_advice
 from rotary_error_monitor.kinds.mount.course import GROUP as TIME
-from rotary_error_monitor.kinds.mount.course import Courses
+from rotary_error_monitor.kinds.mount.course import TimeCourses
 from rotary_error_monitor.kinds.mount.description import MountDescription, MountGeometry
 from rotary_error_monitor.kinds.mount.effects import MountEffect
 from rotary_error_monitor.kinds.mount.modulations import mount_departures
@@ -89,7 +89,7 @@ class MountProblem(TableProblem[MountGeometry]):
         if int(np.count_nonzero(~self.twin.too_low)) < FEWEST_POINTINGS:
             raise InputError(f"{self._low_in_words()}; at least {FEWEST_POINTINGS} others are needed")
         self.labels = np.repeat(conditions.labels, [len(patch) for patch in patches])
-        self._courses = Courses(self.recording.time, self.twin.side)
+        self._courses = TimeCourses(self.recording.time, self.twin.side)
         self._found_without: Array = np.zeros(6)
         still, std = np.zeros((2, len(self.labels))), np.full(2, mount.noise)
         super().__init__(self.twin.machine, conditions, still, std, effects, known)

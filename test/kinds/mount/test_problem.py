@@ -14,7 +14,7 @@ from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.verdict import Verdict
-from rotary_error_monitor.kinds.mount.course import Courses
+from rotary_error_monitor.kinds.mount.course import TimeCourses
 from rotary_error_monitor.kinds.mount.description import MountDescription, load_mount
 from rotary_error_monitor.kinds.mount.effects import MountEffect
 from rotary_error_monitor.kinds.mount.pointings import parse_pointings, read_pointings
@@ -168,7 +168,7 @@ def test_noise_as_loud_as_neighbours_on_the_sky_say_where_nothing_stands_out_ove
         count, noise = 300, rng.normal(size=(300, 2))
         for i in range(1, count):
             noise[i] = 0.5 * noise[i - 1] + np.sqrt(0.75) * noise[i]
-        courses = Courses(np.arange(count) * 100.0, rng.choice([-1.0, 1.0], count))
+        courses = TimeCourses(np.arange(count) * 100.0, rng.choice([-1.0, 1.0], count))
         lowered += np.count_nonzero(courses.noise(noise, np.ones(2), np.ones(count, bool)) < 1.0)
     assert lowered <= 2, "of eight components, one in a hundred by chance"
 
