@@ -90,7 +90,7 @@ def test_the_verdict_is_that_of_the_whole(both, rough):
     assert one.where[0].channel.rpartition("_")[0] == other.where[0].channel.rpartition("_")[0]
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 @pytest.mark.parametrize("seed", seeds(2, 7300))
 def test_what_slipped_once_is_no_backlash_in_stretches_either(monkeypatch, seed):
     monkeypatch.setattr(stretches, "STRETCH", STRETCH)
