@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -31,6 +32,25 @@ def quickest(seed: int, options: Options) -> float:
     return float(np.abs(np.diff(make_motion(Seeds(seed), DURATION, options)[1].velocity(times))).max()) * 1e3
 
 
+def jumping(seed: int, habits: Options, generator: np.random.Generator, **others: Any) -> Options:
+    """Habits of a stage whose acceleration jumps, without what distracts, at a speed that its drive can reach."""
+    habits = replace(
+        habits,
+        motion=("both_directions", "indexing", "s_curves")[seed // 6 % 3],
+        odd_rates=False,
+        block_period=0.02,
+        lost_blocks=0.0,
+        force=False,
+        temperature=False,
+        lvdt=False,
+        peak_speed=float(generator.uniform(1.0, 6.0)),
+        **others,
+    )
+    while quickest(seed, habits) > ACCELERATION:
+        habits = replace(habits, peak_speed=0.8 * habits.peak_speed)
+    return habits
+
+
 @cache
 def recorded(seed: int, rate: float) -> Recording:
     """A recording that begins in the first ramp, or just before it, of heads with hardly any noise, or as usual."""
@@ -40,22 +60,9 @@ def recorded(seed: int, rate: float) -> Recording:
     if seed % 2:
         section["encoder"] |= {"noise": 1e-9, "counts_per_line": 1_000_000}
         habits = Options.textbook(noise=1.0)
-    habits = replace(
-        habits,
-        motion=("both_directions", "indexing", "s_curves")[seed // 6 % 3],
-        ramps=RAMPS[seed % len(RAMPS)],
-        odd_rates=False,
-        rates={COMMAND: rate, AUTOCOLLIMATOR: 20.0},
-        block_period=0.02,
-        lost_blocks=0.0,
-        force=False,
-        temperature=False,
-        lvdt=False,
-    )
-    speed = float(generator.uniform(1.0, 6.0))
-    while quickest(seed, replace(habits, peak_speed=speed)) > ACCELERATION:
-        speed *= 0.8
-    whole = make_recording(seed, duration=DURATION, stage=section, options=replace(habits, peak_speed=speed))
+    rates = {COMMAND: rate, AUTOCOLLIMATOR: 20.0}
+    habits = jumping(seed, habits, generator, ramps=RAMPS[seed % len(RAMPS)], rates=rates)
+    whole = make_recording(seed, duration=DURATION, stage=section, options=habits)
     times = np.arange(0.0, DURATION, 1e-3)
     speed = whole.truth.motion.velocity(times)
     moving = int(np.flatnonzero(speed)[0])

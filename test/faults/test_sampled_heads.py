@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -15,8 +14,7 @@ from world.recording import AUTOCOLLIMATOR, COMMAND, head_topic
 
 from faults.judging import judge
 from faults.recordings import MOST_WRONG
-from faults.test_sampled_commands import quickest
-from rotary_error_monitor.pipeline.command_belief import ACCELERATION
+from faults.test_sampled_commands import jumping
 from rotary_error_monitor.signals.blocks import SampleBlock
 
 RATES = (60.0, 100.0, 250.0)
@@ -29,22 +27,9 @@ def recorded(seed: int) -> Recording:
     if seed % 4 < 2:
         section["encoder"] |= {"noise": 1e-9, "counts_per_line": 1_000_000}
     heads = dict.fromkeys(map(head_topic, section["encoder"]["heads"]), RATES[seed % len(RATES)])
-    habits = replace(
-        Options.textbook(noise=1.0),
-        motion=("both_directions", "indexing", "s_curves")[seed // 6 % 3],
-        ramps=RAMPS[1 + seed % 2],
-        odd_rates=False,
-        rates={COMMAND: 1000.0, AUTOCOLLIMATOR: 200.0, **heads},
-        block_period=0.02,
-        lost_blocks=0.0,
-        force=False,
-        temperature=False,
-        lvdt=False,
-    )
-    speed = float(generator.uniform(1.0, 6.0))
-    while quickest(seed, replace(habits, peak_speed=speed)) > ACCELERATION:
-        speed *= 0.8
-    return make_recording(seed, duration=3.0, stage=section, options=replace(habits, peak_speed=speed))
+    rates = {COMMAND: 1000.0, AUTOCOLLIMATOR: 200.0, **heads}
+    habits = jumping(seed, Options.textbook(noise=1.0), generator, ramps=RAMPS[1 + seed % 2], rates=rates)
+    return make_recording(seed, duration=3.0, stage=section, options=habits)
 
 
 def stepped(recording: Recording, topic: str, off: float, begin: float) -> tuple[list[SampleBlock], NDArray[np.int64]]:
