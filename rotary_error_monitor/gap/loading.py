@@ -98,7 +98,7 @@ def _try_foreign(problem: DiagnosableProblem, twin: AnyTwinFile) -> None:
             values[amplitudes] = effect.scales()[amplitudes]
             try:
                 twin.kind.attempt(problem, Cause(effect, place, values))
-            except Exception as error:  # whatever a user's effect raises is reported with its name
+            except (Exception, SystemExit) as error:  # whatever a user's effect raises is reported with its name
                 raise _failed(effect, error) from error
 
 
@@ -114,12 +114,12 @@ def _first_place(effect: AnyEffect, thing: object) -> tuple[str, ...]:
             raise TypeError(f"locations gives {places!r}; expected a tuple of names")
         if len(set(places)) < len(places):
             raise ValueError(f"locations gives {places!r}; expected different names")
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise _failed(effect, error) from error
     return tuple(order_location(effect.lowest, place) if effect.orders else place for place in places[:1])
 
 
-def _failed(effect: AnyEffect, error: Exception) -> InputError:
+def _failed(effect: AnyEffect, error: BaseException) -> InputError:
     module = type(effect).__module__.rpartition(".")[2]
     return InputError(f"effect '{effect.name}' of {module} fails: {type(error).__name__}: {error}")
 

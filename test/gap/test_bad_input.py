@@ -145,6 +145,7 @@ PLACES = """    def locations(self, stage):
         ({"1e-6),)": "1e-6))"}, "expected a tuple of Parameter"),
         ({"1e-6),)": '1e-6), Parameter("offset", "rad", 1.0))'}, "parameters offset, offset; expected different names"),
         ({"class Offset": "raise SystemExit(0)\n\nclass Offset"}, "cannot be loaded: SystemExit"),
+        ({"    def measured": PLACES.format("exit(0)") + "    def measured"}, "effect 'my_offset' of"),
         (
             {"    def measured": PLACES.format("None") + "    def measured"},
             "locations gives None; expected a tuple of names",

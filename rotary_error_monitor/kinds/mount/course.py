@@ -18,6 +18,7 @@ from rotary_error_monitor.gap.structure import HIGHEST_LEVEL
 from rotary_error_monitor.kinds.mount.sky import OVER_TIME, estimate_repeatability
 
 POWERS = 3
+"""Of time, from a steady drift to one that turns back twice; half waves hold what is faster."""
 
 BY_CHANCE = 0.01
 """Rate at which noise is taken for something that the mount does with time, where the level of noise is told."""

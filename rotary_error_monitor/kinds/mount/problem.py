@@ -22,7 +22,7 @@ from rotary_error_monitor.gap.problem import Candidate, Finding, Rows
 from rotary_error_monitor.gap.table import Shapes, TableProblem
 from rotary_error_monitor.kinds.mount.advice import mount_advice
 from rotary_error_monitor.kinds.mount.course import GROUP as TIME
-from rotary_error_monitor.kinds.mount.course import TimeCourses
+from rotary_error_monitor.kinds.mount.course import POWERS, TimeCourses
 from rotary_error_monitor.kinds.mount.description import MountDescription, MountGeometry
 from rotary_error_monitor.kinds.mount.effects import MountEffect
 from rotary_error_monitor.kinds.mount.modulations import mount_departures
@@ -61,7 +61,7 @@ class MountProblem(TableProblem[MountGeometry]):
         known: effects that the twin has.
 
     Raises:
-        InputError: too few stars stand well above the horizon.
+        InputError: stars stand below the horizon, or too few well above it.
 
     Attributes:
         recording: the pointings, arranged patch after patch of the sky.
@@ -86,9 +86,8 @@ class MountProblem(TableProblem[MountGeometry]):
         self.mount = mount
         self.recording = recording.chosen(np.concatenate(patches))
         self.twin = MountTwin(mount, self.recording, known)
-        if int(np.count_nonzero(~self.twin.too_low)) < FEWEST_POINTINGS:
-            raise InputError(f"{self._low_in_words()}; at least {FEWEST_POINTINGS} others are needed")
         self.labels = np.repeat(conditions.labels, [len(patch) for patch in patches])
+        self._check_altitudes()
         self._courses = TimeCourses(self.recording.time, self.twin.side)
         self._found_without: Array = np.zeros(6)
         still, std = np.zeros((2, len(self.labels))), np.full(2, mount.noise)
@@ -157,7 +156,7 @@ class MountProblem(TableProblem[MountGeometry]):
             "pose, both axes": products,
             "pose, side of the pier": [("step", self.twin.side), ("slope", self.twin.side * hour)],
             "pose, altitude": [("sine", upward), ("cosine", np.sqrt(np.maximum(1 - upward**2, 0)))],
-            TIME: [(f"power {k}", time**k) for k in (1, 2, 3)],
+            TIME: [(f"power {k}", time**k) for k in range(1, POWERS + 1)],
             "direction": [("of hour axis", direction[:, 0]), ("of declination axis", direction[:, 1])],
         }
 
@@ -179,14 +178,8 @@ class MountProblem(TableProblem[MountGeometry]):
         """Refuse a recording that no rigid mount comes near to.
 
         Raises:
-            InputError: stars stand below the horizon, or the readings are not of a mount like the twin.
+            InputError: the readings are not of a mount like the twin.
         """
-        sunk = int(np.count_nonzero(np.arcsin(np.clip(self.twin.sought[2], -1.0, 1.0)) < BELOW))
-        if sunk > MOST_OUTLIERS * len(self.kept):  # fewer are single mistakes
-            raise InputError(
-                f"{sunk} of {len(self.kept)} stars stand below the horizon at the latitude of "
-                f"{np.degrees(self.twin.latitude):+.1f}°: its sign, or sidereal time, is wrong"
-            )
         off = float(np.median(np.hypot(*self.error(()))))
         if off > ANOTHER_MOUNT:
             raise InputError(
@@ -285,6 +278,16 @@ class MountProblem(TableProblem[MountGeometry]):
         on_sky, kept = estimate_repeatability(errors, places)
         kept &= ~self.twin.too_low
         return np.maximum(self._courses.noise(errors, on_sky, kept), self.mount.noise), kept
+
+    def _check_altitudes(self) -> None:
+        sunk = int(np.count_nonzero(np.arcsin(np.clip(self.twin.sought[2], -1.0, 1.0)) < BELOW))
+        if sunk > MOST_OUTLIERS * len(self.labels):  # fewer are single mistakes
+            raise InputError(
+                f"{sunk} of {len(self.labels)} stars stand below the horizon at the latitude of "
+                f"{np.degrees(self.twin.latitude):+.1f}°: its sign, or sidereal time, is wrong"
+            )
+        if int(np.count_nonzero(~self.twin.too_low)) < FEWEST_POINTINGS:
+            raise InputError(f"{self._low_in_words()}; at least {FEWEST_POINTINGS} others are needed")
 
     def _low_in_words(self) -> str:
         low, count, lowest = np.count_nonzero(self.twin.too_low), len(self.twin.too_low), np.degrees(LOWEST)

@@ -360,7 +360,9 @@ class StageProblem:
         """How many times the noise that the stage states a channel is taken to have."""
         if channel == COMMAND:
             return 1.0
-        return float(np.sqrt(np.mean([noise.levels[instrument_of(channel)] ** 2 for noise in self.noises])))
+        instrument = instrument_of(channel)
+        shown = [noise for noise in self.noises if instrument in map(instrument_of, noise.spikes)]
+        return float(np.sqrt(np.mean([noise.levels[instrument] ** 2 for noise in shown])))
 
     def spikes(self) -> dict[str, int]:
         """Number of samples of each sensor that are spikes."""

@@ -235,10 +235,11 @@ def test_a_file_of_another_kind_of_mount_is_refused():
         diagnose(problem_of(mixed))
 
 
-def test_stars_below_the_horizon_are_told():
+@pytest.mark.parametrize(("count", "pressure"), [(160, 0.0), (160, 1010.0), (40, 1010.0)])
+def test_stars_below_the_horizon_are_told(count, pressure):
     southern = replace(MOUNT, latitude=-LATITUDE)
-    recording = parse_pointings(pointing_file(simulate_pointings(3)), "made")
-    with pytest.raises(InputError, match=r"of 160 stars stand below the horizon at the latitude of -39.0°"):
+    recording = parse_pointings(pointing_file(simulate_pointings(3, count), pressure), "made")
+    with pytest.raises(InputError, match=rf"of {count} stars stand below the horizon at the latitude of -39.0°"):
         diagnose(MountProblem(southern, recording, EFFECTS))
 
 
