@@ -76,10 +76,11 @@ class DescribedPath:
         """Angle between two readings, rad, up to which a cubic through four of them misses no more of the curve.
 
         Args:
-            most: what may be missed, in the units of the readings; above 0.
+            most: what may be missed, in the units of the readings.
 
         Returns:
-            The largest such angle, to the `PLACES` of a turn; infinite where no more is missed at any.
+            The largest such angle, to the `PLACES` of a turn; infinite where no more is missed at any, and 0 where
+            rounding alone is more.
         """
         waves = np.abs(np.fft.fft(self.points[:, 0] + 1j * self.points[:, 1])) / PLACES
         sizes = waves[: PLACES // 2].copy()
@@ -88,7 +89,7 @@ class DescribedPath:
         orders = np.flatnonzero(sizes > NEGLIGIBLE * sizes.max())
         turned = np.minimum(np.arange(PLACES + 1)[:, None] * orders, PLACES)
         beyond = np.flatnonzero(_missed_of_a_wave()[turned] @ sizes[orders] > most)
-        return float(beyond[0] - 1) * (TURN / PLACES) if len(beyond) else math.inf
+        return float(max(beyond[0] - 1, 0)) * (TURN / PLACES) if len(beyond) else math.inf
 
     def _places(self, reading: Array) -> _Places:
         """Places on the curve, in `PLACES` of a turn, nearer to a reading (2,) than those beside them."""

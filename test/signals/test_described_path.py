@@ -41,6 +41,11 @@ def test_of_all_orders_what_is_missed_adds_up():
     assert missed[0] <= 1.001 * 3e-7 <= 1.002 * missed[1]
 
 
+@pytest.mark.parametrize("order", [1, 4, 293])
+def test_an_instrument_without_noise_is_followed_nowhere(order):
+    assert DescribedPath(wave(order, 3e-3)).followed(0.0) == 0.0
+
+
 def test_what_is_small_enough_is_followed_at_any_speed():
     """A cubic misses twice the amplitude of a wave that goes round once from one reading to the next."""
     assert DescribedPath(wave(2, 1e-6)).followed(2.01e-6) == math.inf
