@@ -8,6 +8,7 @@ so on, by a share of its own size. That share has a real prior; without one the 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
@@ -122,6 +123,15 @@ class FittedDepartures:
         moved = self.values if chosen is None else np.where(chosen, self.values, 0.0)
         return float(np.sqrt(max(float(moved @ self.products @ moved), 0.0)))
 
+    def shares(self) -> dict[str, float]:
+        """The share of each kind alone."""
+        kinds = np.array(self.departures.kinds)
+        return {kind: self.share(kinds == kind) for kind in dict.fromkeys(self.departures.kinds)}
+
+    def size(self) -> float:
+        """The share of all together, or where kinds cancel one another, as they are: what cancels is no smaller."""
+        return max(self.share(), math.hypot(*self.shares().values()))
+
     def effects(self) -> tuple[Cause, ...]:
         """Those that are known effects, such as neighbouring orders, with their sizes: a twin can hold them."""
         found: dict[tuple[str, str], Cause] = {}
@@ -229,7 +239,7 @@ def in_proportion(modulations: Sequence[Modulation], sizes: Array, beside: int =
 def describe(fitted: FittedDepartures) -> tuple[Departure, ...]:
     """Departures of one cause in words, the largest first."""
     told, departures, values = [], fitted.departures, fitted.values
-    for kind in dict.fromkeys(departures.kinds):
+    for kind, share in fitted.shares().items():
         own = np.array([other == kind for other in departures.kinds])
         change: dict[Words, float] = {}
         size: dict[Words, float] = {}
@@ -239,7 +249,7 @@ def describe(fitted: FittedDepartures) -> tuple[Departure, ...]:
             change[words] = change.get(words, 0.0) + float(values[i] * departures.changes[i])
         largest = max(size, key=lambda words: size[words])
         held = bool(departures.effects) and all(departures.effects[i] is not None for i in np.flatnonzero(own))
-        told.append(Departure(largest(change[largest]), fitted.share(own), held))
+        told.append(Departure(largest(change[largest]), share, held))
     return tuple(sorted(told, key=lambda row: -row.share))
 
 

@@ -212,11 +212,12 @@ def _shares(fit: Fit) -> Array:
     """Share of each cause that its best textbook form leaves and its departures describe.
 
     It is the share beyond the best textbook form, so that departures do not take the place of the cause's own
-    parameters (Plumlee, JASA 112, 2017), and many columns cost no more than one that does the same.
+    parameters (Plumlee, JASA 112, 2017), and many columns cost no more than one that does the same. Kinds that cancel
+    one another are each as large as they are: that they leave little makes them no likelier.
     """
     squares = np.zeros(len(fit.causes))
     for fitted in departures_of(fit):
-        squares[fitted.departures.cause] += fitted.share() ** 2
+        squares[fitted.departures.cause] += fitted.size() ** 2
     return np.sqrt(squares)
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
-from rotary_error_monitor.effects.effect import Cause, Parameter, Role
+from rotary_error_monitor.effects.effect import Cause, Parameter, Role, order_location
 from rotary_error_monitor.effects.library import effect_named, load_effects
 from rotary_error_monitor.effects.rotor import StageEffect, effects_of
 from rotary_error_monitor.gap.departures import (
@@ -96,6 +98,34 @@ def test_what_jumps_at_reversals_may_be_soft_there(name, jumps, stage_problem):
     linear = effect.indices(Role.LINEAR)
     values[linear] = effect.scales()[linear]
     assert problem._modulations.jumps(Cause(effect, "", values)) == jumps
+
+
+@pytest.mark.parametrize(
+    ("name", "apart"),
+    [("graduation_error", (1, 2, 3)), ("mirror_flatness", ()), ("spindle_tilt", ()), ("drive_cyclic_error", ())],
+)
+def test_what_differs_around_the_turn_is_neighbouring_orders_where_these_describe_it(name, apart, stage_problem):
+    """Heads at other places of a ring see its mark later: what differs with the rotation is none of its orders."""
+    problem, _ = stage_problem(7, "null")
+    effect, place = effect_named(name, problem.effects), order_location(5, "")
+    values = effect.start(place)
+    linear = effect.indices(Role.LINEAR)
+    values[linear] = effect.scales()[linear] * np.linspace(1.0, 2.0, len(linear))
+    (departures,) = problem.departures((Cause(effect, place, values),))
+    assert {kind for kind in departures.kinds if kind.startswith("place")} == {f"place {order}" for order in apart}
+    assert {"order_4", "order_6"} <= set(departures.kinds)
+
+
+def test_kinds_that_cancel_one_another_are_as_large_as_they_are():
+    """What a sum of two leaves is the smaller, the more alike they are; each of them is no smaller for that."""
+    departures = Departures(0, ("speed", "speed", "time"), (str,) * 3, np.zeros(3), {})
+    alike = 0.01 * np.array([[1.0, 0.0, 0.99], [0.0, 1.0, 0.0], [0.99, 0.0, 1.0]])
+    fitted = FittedDepartures(departures, np.array([3.0, 0.5, -3.0]), alike)
+    assert fitted.shares() == {"speed": pytest.approx(0.1 * np.hypot(3.0, 0.5)), "time": pytest.approx(0.3)}
+    assert fitted.share() == pytest.approx(0.1 * np.sqrt(2 * 9.0 * 0.01 + 0.25))
+    assert fitted.size() == pytest.approx(0.1 * np.sqrt(9.0 + 0.25 + 9.0))
+    together = dataclasses.replace(fitted, values=np.array([3.0, 0.5, 3.0]))
+    assert together.size() == together.share() > fitted.size()
 
 
 def test_every_effect_of_a_stage_may_depart_on_its_own_channels_only(stage_problem):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -15,6 +15,7 @@ from rotary_error_monitor.gap.departures import (
     SHARE,
     Modulation,
     Normaliser,
+    amplitude_sizes,
     by_rate,
     grows,
     modulations_by_size,
@@ -35,6 +36,8 @@ NEIGHBOURS = 3
 SOFT = (1 / 128, 1 / 32, 1 / 8)
 """Speeds, in parts of the highest one, below which an effect may be another than at speed: four-fold steps."""
 
+_HELD = 0.01
+"""Part of the power of what differs around the turn up to which neighbouring orders describe it."""
 
 _SLOW = ("temperature", "time")
 
@@ -53,14 +56,19 @@ class StageModulations:
         self._norm = Normaliser(self._quantities(state))
         self._play = play
         self._size: tuple[tuple[str, str, bytes, str], float] | None = None
-        self._twin = StageTwin(twin.stage, twin.inputs, dict.fromkeys(twin.times, self._time), known=twin.known)
+        self._around: dict[tuple[str, str], tuple[int, ...]] = {}
+        self._around: dict[tuple[str, str], tuple[int, ...]] = {}
+        self._twin, self._few = (
+            StageTwin(twin.stage, twin.inputs, dict.fromkeys(twin.times, time), known=twin.known)
+            for time in (self._time, self._time[::8])
+        )
 
-    def of_state(self, state: RotorState, around: bool, jumps: bool, slow: bool = True) -> list[Modulation]:
+    def of_state(self, state: RotorState, around: Sequence[int], jumps: bool, slow: bool = True) -> list[Modulation]:
         """Those that follow from the rotor's state.
 
         Args:
             state: the rotor.
-            around: whether the place on the circle is one of them.
+            around: orders of the rotation with which it may differ.
             jumps: whether the textbook form jumps where the rotor turns back. No real thing does: near standstill all
                 of it may be missing.
             slow: whether it may go with time or temperature in any slow course.
@@ -85,7 +93,7 @@ class StageModulations:
                 size = peak * unit(name)
                 rows.append(Modulation("low speed", size * norm(name, found[name]), partial(_soft, name)))
         rows += self._play.yielding(state, peak) if jumps else []
-        for order in range(1, NEIGHBOURS + 1) if around else ():
+        for order in around:
             for wave in state.harmonic(order):
                 rows.append(Modulation(f"place {order}", np.sqrt(2) * wave, _around, True))
         course = np.clip(state.time / self._duration, 0, 1)
@@ -119,6 +127,39 @@ class StageModulations:
         """
         effect = cause.effect
         return not (isinstance(effect, StageEffect) and effect.warms and self._twin.stage.thermometers)
+
+    def around(self, cause: Cause, neighbours: Sequence[Cause]) -> tuple[int, ...]:
+        """Orders of the rotation with which a cause may differ otherwise than its neighbouring orders do.
+
+        A wave that differs around the turn is one of neighbouring orders, which a twin can hold, where one instrument
+        shows it. Several heads see each mark of a ring one after the other: what differs with the rotation is no mark.
+        """
+        orders = tuple(range(1, NEIGHBOURS + 1))
+        if not neighbours:
+            return orders
+        if cause.key not in self._around:
+            streams = tuple(name for name in self._few.times if cause.effect.touches(cause.location, name))
+            base = self._few.predict((), streams)
+
+            def shown(other: Cause) -> dict[str, Array]:
+                return {name: values - base[name] for name, values in self._few.predict((other,), streams).items()}
+
+            def joined(signals: Mapping[str, Array]) -> Array:
+                return np.concatenate([(signals[name] / sizes[name]).ravel() for name in streams])
+
+            plain = shown(cause)
+            sizes = {name: float(np.sqrt(np.mean(np.square(values)))) or 1.0 for name, values in plain.items()}
+            near = np.column_stack([joined(shown(own)) for own in one_by_one(neighbours, amplitude_sizes(cause))])
+            apart = []
+            for order in orders:
+                waves = zip(*(self._few.state(name).harmonic(order) for name in streams), strict=True)
+                own = np.column_stack(
+                    [joined({n: w[:, None] * plain[n] for n, w in zip(streams, wave, strict=True)}) for wave in waves]
+                )
+                left = own - near @ np.linalg.lstsq(near, own)[0]
+                apart += [order] if np.sum(np.square(left)) > _HELD * np.sum(np.square(own)) else []
+            self._around[cause.key] = tuple(apart)
+        return self._around[cause.key]
 
     def of_size(self, cause: Cause, signal: Array, stream: str) -> list[Modulation]:
         """Those that follow from what the cause does (n, k) to a stream."""

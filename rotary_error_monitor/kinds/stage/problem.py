@@ -195,9 +195,9 @@ class StageProblem:
         if goes_by_another_name(cause):
             return Departures(place, (), (), np.zeros(0), {})
         linear, amplitudes = linear_values(cause)
-        sizes, all_around = amplitude_sizes(cause), neighbouring(cause)
-        neighbours = self._arc.neighbours(cause, all_around)
-        places, form_told = not all_around and self._arc.goes_around(cause), self._arc.tells_form(cause)
+        sizes, form_told = amplitude_sizes(cause), self._arc.tells_form(cause)
+        neighbours = self._arc.neighbours(cause, neighbouring(cause))
+        places = self._modulations.around(cause, neighbours) if self._arc.goes_around(cause) else ()
         around = [self._derivatives(neighbour, linear, ()) for neighbour in neighbours]
         jumps, slow = self._modulations.jumps(cause), self._modulations.may_wander(cause) and form_told
         signatures = self._derivatives(cause, linear, causes)
