@@ -57,7 +57,6 @@ class StageModulations:
         self._play = play
         self._size: tuple[tuple[str, str, bytes, str], float] | None = None
         self._around: dict[tuple[str, str], tuple[int, ...]] = {}
-        self._around: dict[tuple[str, str], tuple[int, ...]] = {}
         self._twin, self._few = (
             StageTwin(twin.stage, twin.inputs, dict.fromkeys(twin.times, time), known=twin.known)
             for time in (self._time, self._time[::8])
@@ -138,27 +137,20 @@ class StageModulations:
         if not neighbours:
             return orders
         if cause.key not in self._around:
-            streams = tuple(name for name in self._few.times if cause.effect.touches(cause.location, name))
-            base = self._few.predict((), streams)
-
-            def shown(other: Cause) -> dict[str, Array]:
-                return {name: values - base[name] for name, values in self._few.predict((other,), streams).items()}
-
-            def joined(signals: Mapping[str, Array]) -> Array:
-                return np.concatenate([(signals[name] / sizes[name]).ravel() for name in streams])
-
-            plain = shown(cause)
+            effect, few = cause.effect, self._few
+            assert isinstance(effect, StageEffect)
+            streams = tuple(name for name in few.times if effect.touches(cause.location, name))
+            plain = self._moved(few, cause, streams)
             sizes = {name: float(np.sqrt(np.mean(np.square(values)))) or 1.0 for name, values in plain.items()}
-            near = np.column_stack([joined(shown(own)) for own in one_by_one(neighbours, amplitude_sizes(cause))])
-            apart = []
-            for order in orders:
-                waves = zip(*(self._few.state(name).harmonic(order) for name in streams), strict=True)
-                own = np.column_stack(
-                    [joined({n: w[:, None] * plain[n] for n, w in zip(streams, wave, strict=True)}) for wave in waves]
-                )
-                left = own - near @ np.linalg.lstsq(near, own)[0]
-                apart += [order] if np.sum(np.square(left)) > _HELD * np.sum(np.square(own)) else []
-            self._around[cause.key] = tuple(apart)
+            alone = one_by_one(neighbours, amplitude_sizes(cause))
+            near = np.column_stack([_joined(self._moved(few, other, streams), sizes) for other in alone])
+
+            def beside(order: int) -> Array:
+                waves = {name: few.state(name).harmonic(order) for name in streams}
+                pair = [{name: waves[name][i][:, None] * plain[name] for name in streams} for i in (0, 1)]
+                return np.column_stack([_joined(own, sizes) for own in pair])
+
+            self._around[cause.key] = tuple(order for order in orders if _left_of(beside(order), near) > _HELD)
         return self._around[cause.key]
 
     def of_size(self, cause: Cause, signal: Array, stream: str) -> list[Modulation]:
@@ -205,6 +197,17 @@ class StageModulations:
             "load": np.hypot(*state.force.T),
             **soft,
         }
+
+
+def _joined(signals: Mapping[str, Array], sizes: Mapping[str, float]) -> Array:
+    """All signals one after the other, each over its size."""
+    return np.concatenate([(values / sizes[name]).ravel() for name, values in signals.items()])
+
+
+def _left_of(columns: Array, others: Array) -> float:
+    """Part of the power of columns (n, p) that others (n, q) do not describe."""
+    left = columns - others @ np.linalg.lstsq(others, columns)[0]
+    return float(np.sum(np.square(left)) / max(float(np.sum(np.square(columns))), np.finfo(np.float64).tiny))
 
 
 def _scaled(function: Callable[[Array], Array], factor: float, time: Array) -> Array:
