@@ -42,6 +42,7 @@ def departing(stage_problem, seed, name, modulation):
         ("head_latency", lambda state: 0.1 * state.direction, "smaller in the negative direction"),
         ("unbalance", lambda state: 0.03 * (state.warming - state.warming.mean()), "grows with temperature"),
         ("mirror_flatness", lambda state: 0.2 * np.cos(state.theta), "neighbouring orders"),
+        ("graduation_error", lambda state: 0.2 * np.cos(2 * state.theta), "differs around the turn"),
         ("reversal_backlash", lambda state: -np.exp(-np.abs(state.omega) / 0.05), "softer at low speed"),
         ("spindle_tilt", lambda state: 0.3 * np.hypot(*state.force.T) / 100.0, "grows with the force on the shaft"),
     ],
