@@ -90,7 +90,7 @@ class HeldStep:
 
     def add(self, theta: float, distance: float, change: float) -> None:
         """Take in the next window: rotation and distance (rad), and what the change is in it (rad)."""
-        self.size = max(change, self._largest)
+        self.size = max(change, self._largest) + SIGMAS * self.scatter
         self._course.append((theta - distance, theta))
         if len(self._course) == 3:
             bend = np.diff(np.array(self._course), 2, axis=0)
