@@ -18,6 +18,7 @@ from rotary_error_monitor.pipeline.distance_noise import (
     missed_of,
     scatter_in,
 )
+from rotary_error_monitor.pipeline.distance_reach import ACCELERATION, STEADY, DistanceReach
 from rotary_error_monitor.pipeline.evidence import LONG, SHORT, SIGMAS, Reach, Window, Windows
 from rotary_error_monitor.pipeline.head_belief import AGREEMENT
 from rotary_error_monitor.pipeline.held_step import HeldStep, Place
@@ -27,18 +28,8 @@ from rotary_error_monitor.pipeline.standing_command import StandingCommand
 from rotary_error_monitor.pipeline.usual_level import UsualLevel
 from rotary_error_monitor.pipeline.zero_keeping import ZeroKeeping
 
-STEADY = 0.25
-"""Part of the largest following error by which rotation and command may come apart within a window."""
-
-RIPPLE = 0.25
-"""Part of a step within a window by which its ticks scatter about a straight line: the root of p q (1 - 3 p q), where
-the part p of them is before it and q behind it, for p from 0.08 to 0.92."""
-
 RETURNED = 0.3
 """Part of a step, or of what a delay makes, within which the distance counts as back where it was."""
-
-ACCELERATION = 100.0
-"""Angular acceleration, rad/s², that direct drives of rotary tables reach."""
 
 
 class CommandBelief:
@@ -83,7 +74,7 @@ class CommandBelief:
         self._zero = ZeroKeeping()
         self._slope = SpeedSlope(10 * LONG)
         self._usual = UsualLevel()
-        self._late_at_most = self._limits.latency  # delay that the distance leaves possible, s
+        self._farther = DistanceReach(self._limits)
         self._hidden = self._limits.latency  # by how much the delay may be another than is seen, s
         self._delays: deque[float] = deque(maxlen=10 * LONG // SHORT)  # of as long a time
 
@@ -181,13 +172,9 @@ class CommandBelief:
     def _keep_reach(self, window: Window, last: Window, scatter: float) -> None:
         """Of a window in which a step may have begun, where the distance can be next is told by what was before."""
         before = self._before_step(window, last)
-        reach = self._reach(window.duration, self._lag_at(self._speed, scatter)) + self._missed(window, last)
-        self.reach = Reach(before.distance, 0.0, reach + self._late_at_most * abs(self._speed - before.speed))
-
-    def _reach(self, duration: float, lag: float) -> float:
-        """How far the distance can go within a window of a duration (s), rad."""
-        faster = ACCELERATION * duration * self._late_at_most
-        return STEADY * self._limits.following_error + faster + 6.0 * lag
+        reach = self._farther.within(window.duration, self.delay, self._lag_at(self._speed, scatter))
+        faster = self._farther.late(self.delay) * abs(self._speed - before.speed)
+        self.reach = Reach(before.distance, 0.0, reach + faster + self._missed(window, last))
 
     def _is_back(self, distance: float, speed: float) -> bool:
         """Whether a distance is what it was before a step, as far as a delay leaves that to be told at this speed."""
@@ -282,7 +269,7 @@ class CommandBelief:
         """How sure the distance is at a speed (rad/s) and with a scatter (rad), and where it can be next."""
         self._speed = speed
         self.lag = self._lag_at(speed, scatter)
-        self.reach = Reach(distance, 0.0, self._reach(duration, self.lag))
+        self.reach = Reach(distance, 0.0, self._farther.within(duration, self.delay, self.lag))
 
     def _speed_of(self, window: Window, last: Window | None) -> float:
         """Speed in a window by that before it, rad/s; where it is not told the largest that it can be."""
@@ -319,7 +306,7 @@ class CommandBelief:
 
     def _is_plain(self, missed: float, scatter: float, speed: float) -> bool:
         """Whether a window's distance is one from begin to end: not interpolated wrong, and without a step."""
-        return not self._is_bent(missed, speed) and scatter <= RIPPLE * STEADY * self._limits.following_error
+        return not self._is_bent(missed, speed) and scatter <= self._farther.rippled
 
     def _before_step(self, window: Window, last: Window) -> Place:
         """The window that one is held against.
@@ -423,9 +410,7 @@ class CommandBelief:
             self.delay = -float(self._slope.value[0])
             if not self.doubt:
                 self._delays.append(self.delay)
-            if window.number % LONG == 0 or len(self._slope) < 2 * LONG:
-                unseen = self._slope.unseen(window.duration)
-                self._late_at_most = min(abs(self.delay) + unseen, self._limits.latency)
+            self._farther.learn(self._slope, window.number, window.duration, self.delay, self.lag)
         return self._late()
 
     def _late(self) -> str:

@@ -163,7 +163,7 @@ class SpeedSlope:
         if len(number) < 2 * self._unknown:
             return math.inf
         margin = self._regress(rows, missed, *_trend(number))[1]
-        return math.sqrt(float(margin @ margin))
+        return math.hypot(*margin.tolist())  # of a speed of zero its square may be too large for a float
 
     def course(self) -> tuple[Array, Array]:
         """Angles (n,) and the first of the values (n,) of the latest windows, back to the last gap between two."""
