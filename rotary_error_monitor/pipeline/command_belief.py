@@ -8,7 +8,6 @@ from collections import deque
 from collections.abc import Sequence
 from itertools import pairwise
 from statistics import median
-from typing import TypeAlias
 
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.pipeline.distance_noise import (
@@ -19,31 +18,18 @@ from rotary_error_monitor.pipeline.distance_noise import (
     missed_of,
     scatter_in,
 )
+from rotary_error_monitor.pipeline.distance_reach import ACCELERATION, STEADY, DistanceReach
 from rotary_error_monitor.pipeline.evidence import LONG, SHORT, SIGMAS, Reach, Window, Windows
 from rotary_error_monitor.pipeline.head_belief import AGREEMENT
+from rotary_error_monitor.pipeline.held_step import HeldStep, Place
 from rotary_error_monitor.pipeline.ring_belief import ABSENT
 from rotary_error_monitor.pipeline.speed_slope import SpeedSlope
+from rotary_error_monitor.pipeline.standing_command import StandingCommand
 from rotary_error_monitor.pipeline.usual_level import UsualLevel
 from rotary_error_monitor.pipeline.zero_keeping import ZeroKeeping
 
-STEADY = 0.25
-"""Part of the largest following error by which rotation and command may come apart within a window."""
-
-RIPPLE = 0.25
-"""Part of a step within a window by which its ticks scatter about a straight line: the root of p q (1 - 3 p q), where
-the part p of them is before it and q behind it, for p from 0.08 to 0.92."""
-
 RETURNED = 0.3
 """Part of a step, or of what a delay makes, within which the distance counts as back where it was."""
-
-STANDS = 1e-3
-"""Part of the way that it should have gone by which a command has gone at most if it stands."""
-
-ACCELERATION = 100.0
-"""Angular acceleration, rad/s², that direct drives of rotary tables reach."""
-
-Place: TypeAlias = tuple[int, float, float]
-"""Number of a window, and the distance (rad) and speed (rad/s) in it."""
 
 
 class CommandBelief:
@@ -79,13 +65,16 @@ class CommandBelief:
         self._before: tuple[float, float] | None = None  # distance and speed just before a step, rad and rad/s
         self._scattering = DistanceNoise()
         self._plain: Place | None = None  # the last window in which nothing is missed
+        self._held = HeldStep(self._limits.following_error)
         self._last: Window | None = None
         self._compared: int | None = None
         self._since = 0  # number of the window since which it is doubted
-        self._still = self._speed = 0.0
+        self._standing = StandingCommand(self._limits.following_error, self._noise)
+        self._speed = 0.0
         self._zero = ZeroKeeping()
         self._slope = SpeedSlope(10 * LONG)
         self._usual = UsualLevel()
+        self._farther = DistanceReach(self._limits)
         self._hidden = self._limits.latency  # by how much the delay may be another than is seen, s
         self._delays: deque[float] = deque(maxlen=10 * LONG // SHORT)  # of as long a time
 
@@ -96,6 +85,7 @@ class CommandBelief:
         self._agreeing = 0.0
         self._last = self._compared = None
         self._plain = None
+        self._held.clear()
         self._scattering.clear()
         self._slope.forget()
         if self._zero.open:
@@ -131,6 +121,7 @@ class CommandBelief:
         self.reach = self._anywhere
         if not _tells(window) or last is None or window.number != last.number + 1:
             self._agreeing, self._plain = 0.0, None
+            self._held.clear()
             self._scattering.interrupt()
             self.lag = self._lag_at(self._speed_of(window, last), scatter_in(window, self._scattering.variances))
             if not self._zero.open:  # a window that lacks some ticks tells nothing against those before it
@@ -140,13 +131,16 @@ class CommandBelief:
         speed = self._speed_of(window, last)
         scatter = scatter_in(window, self._scattering.earlier)
         whole = _tells(last)
-        before = self._before_step(window, last)
+        before = self._held.before or self._before_step(window, last)
+        wrong = self._beyond(window, speed) or (self._standing.judge(window, last) if whole else "")
         step = self._step(window, last, before, speed, scatter) if whole else ""
+        if not (wrong or self.doubt or self._zero.open) and (step or self._held.before):
+            step = self._held_back(window, last, before, speed, scatter)
         if self._zero.open or not step:  # a step just behind a silence as well: what was before is before both
             step = self._moved_in_silence(window, last, speed, scatter) or step
-        wrong = self._beyond(window, speed) or (self._stuck(window, last) if whole else "") or step
+        wrong = wrong or step
         late, missed = "", missed_in(window)
-        if not wrong:
+        if not wrong and self._held.before is None:
             bent = self._is_bent(missed, speed)
             self._measure(window.number, [window.mean.theta], [window.mean.ecc], [window.scatter.ecc], [missed], bent)
             late = self._measure_delay(window)
@@ -159,6 +153,7 @@ class CommandBelief:
         if step and self._before is None and before[0] < self._since:  # also where a part of it was told as another
             self._before = (window.mean.ecc - self._zero.latest, speed) if self._zero.open else before[1:]
         if wrong:
+            self._held.clear()
             self.doubt, self._agreeing = self.doubt if self.doubt and step else wrong, 0.0
         elif self.doubt:
             # after a step only the return to what was before it tells that it is over
@@ -166,11 +161,20 @@ class CommandBelief:
             self._agreeing = self._agreeing + window.duration if back else 0.0
             if self._agreeing >= AGREEMENT:
                 self._believe_again(usual, late)
-        elif last.tells_rotation and not self._zero.open:
+        elif last.tells_rotation and not (self._zero.open or self._held.before):
             self._usual.add((window.mean.ecc + self.delay * speed, speed))
         self._settle(speed, scatter_in(window, self._scattering.variances), window.mean.ecc, window.duration)
         if self._is_plain(missed, window.scatter.ecc, speed):
-            self._plain = window.number, window.mean.ecc, speed
+            self._plain = Place(window.number, window.mean.ecc, speed)
+        elif not (self.doubt or self._held.before):
+            self._keep_reach(window, last, scatter)
+
+    def _keep_reach(self, window: Window, last: Window, scatter: float) -> None:
+        """Of a window in which a step may have begun, where the distance can be next is told by what was before."""
+        before = self._before_step(window, last)
+        reach = self._farther.within(window.duration, self.delay, self._lag_at(self._speed, scatter))
+        faster = self._farther.late(self.delay) * abs(self._speed - before.speed)
+        self.reach = Reach(before.distance, 0.0, reach + faster + self._missed(window, last))
 
     def _is_back(self, distance: float, speed: float) -> bool:
         """Whether a distance is what it was before a step, as far as a delay leaves that to be told at this speed."""
@@ -216,7 +220,7 @@ class CommandBelief:
         last, farthest = self._last, self._limits.following_error
         if last is None or last.number != windows.first - 1 or self.doubt or self._zero.open or self._late():
             return False
-        if self._plain is None or self._plain[0] != last.number:
+        if self._plain is None or self._plain.number != last.number or self._held.before:
             return False
         if not all(abs(ecc) <= farthest for ecc in windows.mean.ecc):
             return False
@@ -227,14 +231,16 @@ class CommandBelief:
             return False
         most = STEADY * farthest
         return all(
-            abs(place[1] - before[1]) <= most and self._goes_along(place, before) for before, place in pairwise(places)
+            abs(place[1] - before[1]) <= most and self._standing.goes_along(place, before)
+            for before, place in pairwise(places)
         )
 
     def take_in(self, windows: Windows) -> list[tuple[float, Reach]]:
         """Take in windows that are calm, as `judge` does; give `lag` and `reach` after each."""
         last, self._last = self._last, windows.last
         assert last is not None
-        self._compared, self._still = windows.last.number, 0.0
+        self._compared = windows.last.number
+        self._standing.clear()
         thetas, distances, duration = windows.mean.theta, windows.mean.ecc, windows.duration
         moved = [theta - before for before, theta in pairwise([last.mean.theta, *thetas])]
         speeds = [self._speed_of(windows[0], last), *[each / duration for each in moved[1:]]]
@@ -256,16 +262,14 @@ class CommandBelief:
                 self._usual.add((distance + self.delay * speed, speed))
             self._settle(speed, scatter, distance, duration)
             found.append((self.lag, self.reach))
-        self._plain = windows.last.number, distances[-1], speeds[-1]
+        self._plain = Place(windows.last.number, distances[-1], speeds[-1])
         return found
 
     def _settle(self, speed: float, scatter: float, distance: float, duration: float) -> None:
         """How sure the distance is at a speed (rad/s) and with a scatter (rad), and where it can be next."""
         self._speed = speed
         self.lag = self._lag_at(speed, scatter)
-        faster = ACCELERATION * duration * self._limits.latency
-        reach = STEADY * self._limits.following_error + faster + 6.0 * self.lag
-        self.reach = Reach(distance, 0.0, reach)
+        self.reach = Reach(distance, 0.0, self._farther.within(duration, self.delay, self.lag))
 
     def _speed_of(self, window: Window, last: Window | None) -> float:
         """Speed in a window by that before it, rad/s; where it is not told the largest that it can be."""
@@ -277,7 +281,8 @@ class CommandBelief:
 
     def _lag_at(self, speed: float, scatter: float) -> float:
         untold = self._zero.untold / SIGMAS
-        return math.hypot(speed * math.hypot(self.delay, self._timing), scatter, self.shift, untold)
+        held = self._held.size / SIGMAS
+        return math.hypot(speed * math.hypot(self.delay, self._timing), scatter, self.shift, untold, held)
 
     def _largest_speed(self, number: int) -> float:
         """How fast the stage may turn in a window by its number, rad/s: it may have accelerated since it was told."""
@@ -301,26 +306,57 @@ class CommandBelief:
 
     def _is_plain(self, missed: float, scatter: float, speed: float) -> bool:
         """Whether a window's distance is one from begin to end: not interpolated wrong, and without a step."""
-        return not self._is_bent(missed, speed) and scatter <= RIPPLE * STEADY * self._limits.following_error
+        return not self._is_bent(missed, speed) and scatter <= self._farther.rippled
 
     def _before_step(self, window: Window, last: Window) -> Place:
         """The window that one is held against.
 
         A step stays, and what interpolation misses does not: it is the last plain one, as long as that may take.
         """
-        if self._plain is None or self._plain[0] < window.number - SHORT:
-            return last.number, last.mean.ecc, self._speed
+        if self._plain is None or self._plain.number < window.number - SHORT:
+            return Place(last.number, last.mean.ecc, self._speed)
         return self._plain
 
     def _step(self, window: Window, last: Window, before: Place, speed: float, scatter: float) -> str:
         """A step of the distance that neither the drive nor a change of speed makes."""
-        step, passed = abs(window.mean.ecc - before[1]), (window.number - before[0]) * window.duration
-        accelerated = self._limits.latency * abs(speed - before[2])
-        missed = missed_in(window) + missed_in(last)  # a third difference that changes its sign tells less
+        step = abs(window.mean.ecc - before.distance)
+        accelerated = self._limits.latency * abs(speed - before.speed)
+        missed = self._missed(window, last)
         if step <= STEADY * self._limits.following_error + accelerated + missed + 6.0 * scatter:
             return ""
-        self._size = step
-        return f"a step of {step * 1e6:.3g} µrad between rotation and command within {passed * 1e3:g} ms"
+        return self._step_of(step, window.number - before.number, window)
+
+    @staticmethod
+    def _missed(window: Window, last: Window) -> float:
+        """What interpolation may miss of it, rad: a third difference that changes its sign tells less."""
+        return missed_in(window) + missed_in(last)
+
+    def _step_of(self, size: float, passed: int, window: Window) -> str:
+        self._size = size
+        within = passed * window.duration * 1e3
+        return f"a step of {size * 1e6:.3g} µrad between rotation and command within {within:g} ms"
+
+    def _held_back(self, window: Window, last: Window, before: Place, speed: float, scatter: float) -> str:
+        """The same of what is held, or has to be: until it is told from what the drive makes as it accelerates."""
+        held, faster, distance = self._held, speed - before.speed, window.mean.ecc
+        if held.before is None:
+            self._note_hidden(window.duration)
+            self._scattering.interrupt()
+            held.hold(before, last.number, self._slope.course(), scatter or self._noise)
+        change = abs(distance - before.distance + self.delay * faster)
+        held.add(window.mean.theta, distance, change)
+        known = STEADY * self._limits.following_error + SIGMAS * held.scatter
+        unknown = self._missed(window, last) + held.explained
+        if change > known + unknown + self._hidden * abs(faster):
+            outcome = "step"
+        else:
+            outcome = "over" if max(change, unknown) <= known else "open"
+        if not held.lasts(outcome) or outcome == "open":
+            return ""
+        if outcome == "step":
+            return self._step_of(change, held.passed, window)
+        held.clear()
+        return ""
 
     def _moved_in_silence(self, window: Window, last: Window, speed: float, scatter: float) -> str:
         """The same over a silence of the heads: what is less than a step counts as uncertainty."""
@@ -343,23 +379,6 @@ class CommandBelief:
         """As `ZeroKeeping.judge`; what interpolation may miss is unknown as well where it is more than noise."""
         unknown += missed if missed > self._noise else 0.0
         return self._zero.judge(*place, self.delay, self._noise, self._hidden, unknown)
-
-    def _stuck(self, window: Window, last: Window) -> str:
-        """A command that stands while the rotor turns."""
-        if self._goes_along((window.mean.theta, window.mean.ecc), (last.mean.theta, last.mean.ecc)):
-            self._still = 0.0
-            return ""
-        turned = abs(window.mean.theta - last.mean.theta)
-        self._still += max(turned - missed_in(window) - missed_in(last), 0.0)
-        if self._still < 0.1 * self._limits.following_error:
-            return ""
-        return f"the command stands still while the rotor has turned by {self._still * 1e6:.3g} µrad"
-
-    def _goes_along(self, place: tuple[float, float], last: tuple[float, float]) -> bool:
-        """Whether the command moves where the rotor does, from one rotation and distance (rad) to the next."""
-        command = (place[0] - place[1]) - (last[0] - last[1])
-        turned = place[0] - last[0]
-        return abs(command) > STANDS * abs(turned) or abs(turned) < 6.0 * self._noise
 
     def _measure(
         self,
@@ -391,6 +410,7 @@ class CommandBelief:
             self.delay = -float(self._slope.value[0])
             if not self.doubt:
                 self._delays.append(self.delay)
+            self._farther.learn(self._slope, window.number, window.duration, self.delay, self.lag)
         return self._late()
 
     def _late(self) -> str:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 
 from rotary_error_monitor.description.stage import StageDescription
-from rotary_error_monitor.pipeline.command_belief import STANDS, CommandBelief
+from rotary_error_monitor.pipeline.command_belief import CommandBelief
 from rotary_error_monitor.pipeline.evidence import Window
 from rotary_error_monitor.pipeline.head_belief import AGREEMENT
+from rotary_error_monitor.pipeline.standing_command import STANDS
 from rotary_error_monitor.pipeline.standing_rotor import StandingRotor
 
 

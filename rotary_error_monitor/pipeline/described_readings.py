@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from rotary_error_monitor.arrays import Array, Mask
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
-from rotary_error_monitor.pipeline.command_belief import ACCELERATION
+from rotary_error_monitor.pipeline.distance_reach import ACCELERATION
 from rotary_error_monitor.pipeline.estimator_settings import LONGEST_GAP_NS
 from rotary_error_monitor.pipeline.stream_limits import described_tilt, described_tilts
 from rotary_error_monitor.pipeline.ticks import AUTOCOLLIMATOR, COMMAND

@@ -163,7 +163,15 @@ class SpeedSlope:
         if len(number) < 2 * self._unknown:
             return math.inf
         margin = self._regress(rows, missed, *_trend(number))[1]
-        return math.sqrt(float(margin @ margin))
+        return math.hypot(*margin.tolist())  # of a speed of zero its square may be too large for a float
+
+    def course(self) -> tuple[Array, Array]:
+        """Angles (n,) and the first of the values (n,) of the latest windows, back to the last gap between two."""
+        self._make_room()
+        number, theta, _, value = self._room[:4, self._begin : self._end]
+        gaps = np.flatnonzero(np.diff(number) != 1.0)
+        first = int(gaps[-1]) + 1 if len(gaps) else 0
+        return theta[first:], value[first:]
 
     def _usable(self, duration: float) -> tuple[Array, Array, Array]:
         """Numbers (n,), what is missed (n,) and rows, as of `_rows`, of the windows that have both neighbours."""

@@ -18,7 +18,7 @@ from world.options import RAMPS, Seeds
 from world.recording import AUTOCOLLIMATOR, COMMAND
 
 from faults.judging import estimated
-from rotary_error_monitor.pipeline.command_belief import ACCELERATION
+from rotary_error_monitor.pipeline.distance_reach import ACCELERATION
 from rotary_error_monitor.pipeline.estimation import Estimator
 
 RATES = (50.0, 100.0, 250.0, 1000.0)

@@ -215,3 +215,63 @@ def test_a_step_is_told_wherever_in_a_window_and_between_samples_it_falls(spread
         assert not any(found[: begin // TICKS])
         assert all(found[begin // TICKS + 10 : end // TICKS]), (off, begin)
         assert not any(found[end // TICKS + 70 :]), (off, end)
+
+
+def ramped(generator: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Angle and acceleration of a command that goes to and fro by constant accelerations, in windows."""
+    times = PERIOD * np.arange(COUNT)
+    knots, speeds, last = [0.3], [0.0], 0.0
+    while knots[-1] < times[-1]:
+        speed = 0.0 if last and generator.uniform() < 0.5 else float(generator.uniform(-3.0, 3.0))
+        knots += [knots[-1] + generator.uniform(0.05, 0.4)]
+        knots += [knots[-1] + generator.uniform(0.4, 1.0)]
+        speeds += [speed, speed]
+        last = speed
+    fine = np.arange(0.0, PERIOD * COUNT, PERIOD / TICKS)
+    speed = np.interp(fine, knots, speeds)
+    accelerated = np.gradient(speed, fine)
+    return tuple(each.reshape(COUNT, TICKS).mean(axis=1) for each in (np.cumsum(speed) * PERIOD / TICKS, accelerated))
+
+
+def behind(accelerated: np.ndarray, settling: float, most: float) -> np.ndarray:
+    """What a drive stays behind, `most` (rad) at its largest, that follows the acceleration within some windows."""
+    left = np.exp(-1.0 / settling) if settling else 0.0
+    off = np.array(accelerated)
+    for place in range(1, len(off)):
+        off[place] += left * (off[place - 1] - off[place])
+    return most * off / np.abs(off).max()
+
+
+@pytest.mark.parametrize("settling", [0.0, 1.0, 3.0])
+@pytest.mark.parametrize("part", [0.5, 0.9, -0.9])
+def test_a_drive_that_stays_behind_as_it_accelerates_makes_no_step(part, settling, stage):
+    generator = np.random.default_rng(11)
+    for _ in range(4):
+        command, accelerated = ramped(generator)
+        off = behind(accelerated, settling, part * stage.limits.following_error)
+        theta = command - off + 1e-7 * generator.normal(size=COUNT)
+        assert not doubts(stage, theta, command)
+
+
+@pytest.mark.parametrize("part", [0.0, 0.5])
+@pytest.mark.parametrize("what", ["heads", "command"])
+def test_a_step_of_such_a_drive_is_uncertain_until_it_is_told(what, part, stage):
+    generator = np.random.default_rng(13)
+    told, unsure = [], []
+    for _ in range(8):
+        command, accelerated = ramped(generator)
+        theta = command - behind(accelerated, 1.0, part * stage.limits.following_error)
+        theta += 1e-7 * generator.normal(size=COUNT)
+        begin, off = int(generator.integers(200, 900)), np.zeros(COUNT)
+        off[begin:] = generator.choice([-1.0, 1.0]) * generator.uniform(0.5, 0.95) * stage.limits.following_error
+        shown, asked = (theta + off, command) if what == "heads" else (theta, command - off)
+        belief, found, covered = CommandBelief(stage), [], []
+        for window in windows(shown, asked):
+            belief.judge(window)
+            found.append(bool(belief.doubt))
+            covered.append(SIGMAS * belief.lag >= abs(off[window.number]) or bool(belief.doubt))
+        told.append(any(found[begin : begin + 150]))
+        unsure.append(all(covered[begin : begin + 150]))
+        assert not any(found[:begin])
+    assert np.mean(told) >= 0.8, "beside a step as the speed changes first, which a delay may have made"
+    assert np.mean(unsure) >= 0.9, unsure

@@ -26,6 +26,9 @@ class Motion(Protocol):
     def velocity(self, times: Array) -> Array:
         """(n,) commanded velocity in rad/s at `times` in s."""
 
+    def acceleration(self, times: Array) -> Array:
+        """(n,) commanded acceleration in rad/s² at `times` in s."""
+
 
 class Polynomial:
     """Motion of given durations and velocities: in each piece the velocity goes from one to the next.
@@ -53,6 +56,7 @@ class Polynomial:
             velocity = final
         self._angle = PPoly(np.array(rows).T, np.array(knots))
         self._velocity = self._angle.derivative()
+        self._acceleration = self._velocity.derivative()
 
     def ramped(self, ramps: str, rng: np.random.Generator) -> Polynomial:
         """The same with `ramps` of `options.RAMPS`."""
@@ -76,6 +80,10 @@ class Polynomial:
         """(n,) commanded velocity in rad/s at `times` in s."""
         return np.asarray(self._velocity(times), float)
 
+    def acceleration(self, times: Array) -> Array:
+        """(n,) commanded acceleration in rad/s² at `times` in s."""
+        return np.asarray(self._acceleration(times), float)
+
 
 @dataclass(frozen=True)
 class Oscillation:
@@ -94,6 +102,11 @@ class Oscillation:
         """(n,) commanded velocity in rad/s at `times` in s."""
         pulsation = 2.0 * np.pi * self.frequency
         return self.amplitude * pulsation * np.cos(pulsation * times + self.phase)
+
+    def acceleration(self, times: Array) -> Array:
+        """(n,) commanded acceleration in rad/s² at `times` in s."""
+        pulsation = 2.0 * np.pi * self.frequency
+        return -self.amplitude * pulsation**2 * np.sin(pulsation * times + self.phase)
 
 
 def make_motion(seeds: Seeds, duration: float, options: Options) -> tuple[str, Motion]:

@@ -28,6 +28,8 @@ class Options:
         jitter: factor of the rotor's jitter about the command, which has a standard deviation near 2e-6 rad.
         following_error: by how much the rotor stands off its command at rest in rad.
         drive_lag: how long after its command the rotor turns in s.
+        drive_give: by how much the rotor stays behind its command per acceleration of that, in s².
+        drive_settling: time constant in s with which that follows the acceleration; 0 for at once.
         other_orders: part of the spindle's error motion that comes on top in orders of no description.
         asynchronous: standard deviation of the asynchronous radial motion in m, per axis.
         axial: standard deviation in m of the axial error motion of a spindle whose description has none.
@@ -62,6 +64,8 @@ class Options:
     jitter: float = 1.0
     following_error: float = 0.0
     drive_lag: float = 0.0
+    drive_give: float = 0.0
+    drive_settling: float = 0.0
     other_orders: float = 0.05
     asynchronous: float = 3e-8
     axial: float = 2e-7

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from .environment import Environment
-from .motion import make_motion
+from .motion import Motion, make_motion
 from .noise import Smooth
 from .options import Options, Seeds
 
@@ -63,6 +64,7 @@ class Rotor:
         self._jitter = Smooth(rng, duration, rng.uniform(5.0, 18.0))
         self._jitter_size = options.jitter * 2e-6 * rng.uniform(0.5, 1.3)
         self._behind, self._late = options.following_error, options.drive_lag
+        self._give = _drive_give(self.motion, duration, options) if options.drive_give else None
         spindle = stage.get("spindle", {})
         extra = _other_orders(seeds.generator("other orders"), spindle, options)
         self._synchronous = _Harmonics(spindle, extra, _axial(seeds, spindle, options))
@@ -81,6 +83,8 @@ class Rotor:
         jitter = self._jitter_size * self._jitter(times)[:, 0] if self._jitter_size else np.zeros(len(times))
         if self._behind or self._late:
             jitter = jitter + self._behind + self.motion.angle(times - self._late) - self.motion.angle(times)
+        if self._give is not None:
+            jitter = jitter - self._give(times)
         theta = self.motion.angle(times) + jitter
         moved = self._synchronous(theta) + self._asynchronous(theta, times)
         if self.environment.has_force:
@@ -94,6 +98,17 @@ class Rotor:
             moved[:, :2] += self.environment.warmth_of(place, times)[:, None] * np.array(drift)
         exc, eyc, ezc, eac, ebc = np.ascontiguousarray(moved.T)
         return Components(theta, exc, eyc, ezc, eac, ebc, jitter)
+
+
+def _drive_give(motion: Motion, duration: float, options: Options) -> Callable[[Array], Array]:
+    """What a drive stays behind its command (rad) at times (n,) in s since it accelerates."""
+    if not options.drive_settling:
+        return lambda times: options.drive_give * motion.acceleration(times)
+    step = 1e-4
+    grid = np.arange(-1.0, duration + 1.0, step)
+    left = np.exp(-step / options.drive_settling)
+    settled = lfilter([1.0 - left], [1.0, -left], options.drive_give * motion.acceleration(grid))
+    return lambda times: np.asarray(np.interp(times, grid, settled), float)
 
 
 class _Harmonics:
