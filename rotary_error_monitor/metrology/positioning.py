@@ -46,7 +46,7 @@ class PositioningRuns:
     def __post_init__(self) -> None:
         unit = "rad" if self.rotary else "m"
         if self.targets.ndim != 1 or len(self.targets) < 2:
-            raise InputError(f"targets of shape {self.targets.shape}: at least two are needed")
+            raise InputError(f"{self.targets.size} target(s): at least two are needed, each with two readings or more")
         steps = np.diff(self.targets)
         if not np.all(steps > 0):
             at = int(np.argmin(steps > 0))

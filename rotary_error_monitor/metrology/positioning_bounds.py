@@ -131,7 +131,7 @@ def bound_positioning(runs: PositioningRuns, instrument: float = 0.0) -> Positio
     both = np.concatenate([way.mean for way in ways])
     _reach_of_two(found, "systematic_deviation", both, ways, instrument)
     _reach_of_two(found, "mean_deviation_range", (ways[0].mean + ways[1].mean) / 2, ways, instrument, 0.5)
-    low, high = found["mean_reversal_error"] = _bound_mean_reversal(*ways, common)
+    low, high = found["mean_reversal_error"] = _bound_mean_reversal(ways[0], ways[1], common)
     if _alike(ways[0].mean - ways[1].mean, ways, scatter) >= REFUTED:
         found["reversal_error"] = max(0.0, low, -high), found["reversal_error"][1]
     names = BidirectionalBounds.__dataclass_fields__
@@ -256,7 +256,7 @@ def _figures_of(
     if len(means) == 2:
         reversal = means[0] - means[1], noise[0] + noise[1], errors[0] - errors[1]
         middle = (means[0] + means[1]) / 2, (noise[0] + noise[1]) / 4, (errors[0] + errors[1]) / 2
-        both = [np.concatenate(each, axis=1) for each in (means, noise, errors)]
+        both = np.concatenate(means, axis=1), np.concatenate(noise, axis=1), np.concatenate(errors, axis=1)
         margin = np.concatenate(margins, axis=1)
         # common errors that may have made all of a reversal error leave none of the other sign
         least = np.where(reversal[0] * (found[0] - found[1]) > 0, reversal[0], 0.0)

@@ -595,6 +595,7 @@ def test_the_twin_of_a_case_is_calibrated_from_its_bag(case: Path, tmp_path: Pat
         ("--mirror-flatness-um", "-0.1", "-0.1 is below 0"),
         ("--mirror-flatness-um", "thin", "'thin' is no number, and not 'unknown'"),
         ("--noise-um", "0", "0 is not above 0"),
+        ("--date", "28.11.2026", "'28.11.2026' is no day; write year-month-day, such as 2026-11-28"),
     ],
 )
 def test_impossible_arguments(option: str, value: str, problem: str, capsys: pytest.CaptureFixture[str]) -> None:
