@@ -162,6 +162,24 @@ def test_targets_in_another_unit_are_written_by_force_only(
     assert run("positioning", source, "--machine", machine, "--axis", axis, "--force") == 0
 
 
+@pytest.mark.parametrize(("axis", "scale"), [("X", 1e-3), ("C", 1 / 3600)])
+@pytest.mark.parametrize("seed", range(3))
+def test_deviations_that_repeat_better_than_any_instrument_are_asked_for_their_unit(
+    tmp_path: Path, machine: Path, axis: str, scale: float, seed: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Scatter of 0.3 µm and of 0.3″; mm under a header in µm, and degrees under one in arcsec."""
+    rng = np.random.default_rng(seed)
+    head, *rows = positioning_file(tmp_path, rotary=axis == "C").read_text(encoding="utf-8").splitlines()
+    rows = [row.rpartition(",")[0] for row in rows]
+    for unit in (1.0, scale):
+        lines = [f"{row},{unit * rng.normal(0, 0.3):.9f}" for row in rows]
+        source = tmp_path / "scattered.csv"
+        source.write_text("\n".join([head, *lines]), encoding="utf-8")
+        assert run("positioning", source, "--machine", machine, "--axis", axis, "--force") == 0
+        text = capsys.readouterr().out
+        assert ("no instrument repeats to" in text) == (unit != 1.0), text
+
+
 def test_startup_outlier_is_named_and_counted(
     tmp_path: Path, machine: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
