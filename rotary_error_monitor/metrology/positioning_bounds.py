@@ -35,7 +35,7 @@ from scipy.special import chdtrc, ndtri, stdtrit
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.metrology.extremes import draw_largest, draw_ranges
 from rotary_error_monitor.metrology.positioning import COVERAGE, PositioningRuns
-from rotary_error_monitor.metrology.run_effects import find_run_effects
+from rotary_error_monitor.metrology.run_effects import RunEffects, find_run_effects
 from rotary_error_monitor.metrology.scatter_posterior import REFUTED, ScatterDraws, draw_scatter
 
 Interval = tuple[float, float]
@@ -109,6 +109,15 @@ class _Common:
     variances: Array
 
 
+@dataclass(frozen=True)
+class _Model:
+    """What is drawn: single targets by direction, and what runs have in common."""
+
+    ways: list[_Way]
+    scatter: ScatterDraws
+    common: _Common
+
+
 def bound_positioning(runs: PositioningRuns, instrument: float = 0.0) -> PositioningBounds:
     """95 % intervals for the figures that infinitely many runs would give; the same for the same readings.
 
@@ -117,13 +126,11 @@ def bound_positioning(runs: PositioningRuns, instrument: float = 0.0) -> Positio
     of all others five runs tell too little: there the upper bounds of R hold it less often.
     """
     blocks = [runs.forward] if runs.backward is None else [runs.forward, runs.backward]
-    effects = find_run_effects(runs.targets, blocks)
-    counts = [np.isfinite(each).sum(axis=1).astype(np.float64) for each in blocks]
-    ways = [_Way(*each) for each in zip(effects.means, effects.variance, effects.freedom, counts, strict=True)]
-    variances, freedoms = [way.variance for way in ways], [way.freedom for way in ways]
-    scatter = draw_scatter(variances, freedoms, DRAWS, np.random.default_rng(0))
-    common = _Common(*effects.draw(DRAWS, np.random.default_rng(2)))
-    found = _bounds(ways, scatter, common, instrument)
+    model = _model(blocks, find_run_effects(runs.targets, blocks))
+    # without effects of runs that are not certain, as any simpler model that is not refuted
+    fewer = _model(blocks, find_run_effects(runs.targets, blocks, 1 - REFUTED))
+    ways, scatter, common = model.ways, model.scatter, model.common
+    found = _bounds(model, fewer, instrument)
     for name, way in zip(("forward", "backward"), ways, strict=False):
         _reach_of_two(found, f"{name}_systematic_deviation", way.mean, [way], instrument)
     if len(ways) == 1:
@@ -140,6 +147,14 @@ def bound_positioning(runs: PositioningRuns, instrument: float = 0.0) -> Positio
         _direction(found, "backward"),
         BidirectionalBounds(**{name: found[name] for name in names}),
     )
+
+
+def _model(blocks: list[Array], effects: RunEffects) -> _Model:
+    counts = [np.isfinite(each).sum(axis=1).astype(np.float64) for each in blocks]
+    ways = [_Way(*each) for each in zip(effects.means, effects.variance, effects.freedom, counts, strict=True)]
+    variances, freedoms = [way.variance for way in ways], [way.freedom for way in ways]
+    scatter = draw_scatter(variances, freedoms, DRAWS, np.random.default_rng(0))
+    return _Model(ways, scatter, _Common(*effects.draw(DRAWS, np.random.default_rng(2))))
 
 
 def _reach_of_two(
@@ -190,12 +205,15 @@ def _alike(reversal: Array, ways: list[_Way], scatter: ScatterDraws) -> float:
     return float(chdtrc(len(reversal) - 1, square).mean())
 
 
-def _bounds(ways: list[_Way], scatter: ScatterDraws, common: _Common, instrument: float) -> dict[str, Interval]:
-    """Intervals of all figures that are extremes, by name."""
-    normal = _normal(sum(len(way.mean) for way in ways) + 1)
+def _bounds(model: _Model, fewer: _Model, instrument: float) -> dict[str, Interval]:
+    """Intervals of all figures that are extremes, by name; `fewer` is the model of fewer effects of runs."""
+    normal = _normal(sum(len(way.mean) for way in model.ways) + 1)
     moved = instrument * normal[:, -1]
-    drawn = _figures(ways, common, scatter.probable, normal, ("",))
-    simpler = [_figures(ways, common, variances, normal, OF_SCATTER) for variances in scatter.simpler]
+    drawn = _figures(model.ways, model.common, model.scatter.probable, normal, ("",))
+    simpler = [_figures(model.ways, model.common, each, normal, OF_SCATTER) for each in model.scatter.simpler]
+    if any(np.any(one.freedom != other.freedom) for one, other in zip(model.ways, fewer.ways, strict=True)):
+        probable = [fewer.scatter.probable, *fewer.scatter.simpler]
+        simpler += [_figures(fewer.ways, fewer.common, each, normal, OF_SCATTER) for each in probable]
     found = {}
     for name, values in drawn.items():
         each = [values, *(model[name] for model in simpler if name in model)]

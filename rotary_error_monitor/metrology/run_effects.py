@@ -71,13 +71,16 @@ class RunEffects:
         )
         scores = rng.normal(size=size) * np.sqrt(variance / np.maximum(self.cycles, 1))
         errors = np.einsum("dp,pwm->wdm", scores, self.patterns)
-        return errors, np.einsum("dp,pwm->wdm", variance, np.square(self.patterns))
+        # own scatter has in it what was not taken off
+        taken = np.where(self.present >= PRESENT, variance, 0.0)
+        return errors, np.einsum("dp,pwm->wdm", taken, np.square(self.patterns))
 
 
-def find_run_effects(targets: Array, blocks: Sequence[Array]) -> RunEffects:
+def find_run_effects(targets: Array, blocks: Sequence[Array], least: float = PRESENT) -> RunEffects:
     """Effects of runs over targets (m,) in readings (m, n) of each direction; NaN marks a reading that is not there.
 
-    Of fewer than four targets, or readings without any scatter, there are none.
+    Effects are taken off the readings that are as probable as `least`; where that is more than one half, none is held
+    possible that is less so. Of fewer than four targets, or readings without any scatter, there are none.
     """
     readings = np.stack(blocks)
     patterns = _patterns(targets, len(blocks)) if len(targets) >= FEWEST_TARGETS else np.zeros((0, *readings.shape[:2]))
@@ -92,8 +95,9 @@ def find_run_effects(targets: Array, blocks: Sequence[Array]) -> RunEffects:
         base = np.einsum("pwm,wm->p", np.square(patterns), known.variance)
         square, cycles = _mean_squares(scores)
         present = _probability(square, base, cycles - 1)
-        taken = present >= PRESENT
+        taken = present >= least
     found = _with(readings, patterns, nothing, taken)
+    present = np.where(taken | (least <= PRESENT), present, 0.0)
     return RunEffects(patterns, present, square, base, cycles, found.means, found.variance, found.freedom)
 
 
