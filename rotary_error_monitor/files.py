@@ -6,6 +6,7 @@ device, a recording, a packed nothing of gigabytes) costs no more than a right o
 
 from __future__ import annotations
 
+import codecs
 import contextlib
 import errno
 import io
@@ -196,7 +197,33 @@ def read_text(
     """
     content = read_unpacked(path, kind, most_bytes)
     if most_lines is not None:
-        check_lines(path, kind, content.count(b"\n") + content.count(b"\r") - content.count(b"\r\n"), most_lines)
+        _check_lines(content, path, kind, most_lines)
+    return _decoded(content, path, kind, encoding)
+
+
+def read_table_text(path: Path, kind: str) -> str:
+    """Text of a table of measurements as instruments and spreadsheets save it; arguments and errors as `read_text`.
+
+    UTF-8, UTF-16 with its byte order mark ("Unicode text" of spreadsheets), and what is neither as Windows-1252, of
+    which the digits are those of all other single-byte encodings.
+    """
+    content = read_unpacked(path, kind)
+    _check_lines(content, path, kind, MOST_LINES)
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return _decoded(content, path, kind, "utf-16")
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        if b"\0" in content:
+            raise InputError(f"{path}: cannot be read (it is no text); give the path of {kind}") from None
+    return _decoded(content, path, kind, "cp1252")
+
+
+def _check_lines(content: bytes, path: Path, kind: str, most: int) -> None:
+    check_lines(path, kind, content.count(b"\n") + content.count(b"\r") - content.count(b"\r\n"), most)
+
+
+def _decoded(content: bytes, path: Path, kind: str, encoding: str) -> str:
     try:
         return content.decode(encoding)
     except UnicodeDecodeError as error:

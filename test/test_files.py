@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from rotary_error_monitor.errors import InputError, excerpt
-from rotary_error_monitor.files import read_text
+from rotary_error_monitor.files import read_table_text, read_text
 
 
 @pytest.mark.parametrize("text", ["", "a,b\n1,2\n", "µ\n" * 1000])
@@ -53,3 +53,19 @@ def test_long_texts_are_shown_by_their_ends() -> None:
 def test_texts_of_others_are_shown_in_one_line() -> None:
     assert excerpt("µ 5 °C\n[ERROR] fake\x1b[2K\u2028") == r"µ 5 °C\n[ERROR] fake\x1b[2K\u2028"
     assert excerpt("a\nb" * 100).isprintable()
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252", "latin-1"])
+def test_tables_as_spreadsheets_save_them(tmp_path: Path, encoding: str) -> None:
+    text = "Größe;Error (µm)\n1,5;2\n" * 50
+    (tmp_path / "plain").write_bytes(text.encode(encoding))
+    (tmp_path / "packed").write_bytes(gzip.compress(text.encode(encoding)))
+    assert read_table_text(tmp_path / "plain", "a table") == text
+    assert read_table_text(tmp_path / "packed", "a table") == text
+
+
+@pytest.mark.parametrize("content", [b"\xb5\x00\x01", b"\x89PNG\r\n\x81\x8d", b"\xff\xfea"])
+def test_what_is_no_table_of_any_encoding(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "measured.csv").write_bytes(content)
+    with pytest.raises(InputError, match=r"measured\.csv: cannot be read \(.*\); give the path of a table"):
+        read_table_text(tmp_path / "measured.csv", "a table")

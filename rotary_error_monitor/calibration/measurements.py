@@ -113,10 +113,16 @@ def _check_runs(table: Table, targets: Array, column: Column) -> None:
             continue
         name, shown = f"cycle {cycle:g}, direction {direction:+g}", (before[0] / column.scale, target / column.scale)
         if target == before[0]:
-            raise table.error(row, f"target {shown[1]:g} comes twice in {name}; first on line {table.lines[before[1]]}")
-        if (target - before[0]) * direction < 0:
+            first = f"first on line {table.lines[before[1]]}"
             raise table.error(
-                row, f"{name}: target {shown[1]:g} after {shown[0]:g}; are the rows sorted and directions unmixed?"
+                row, f"target {shown[1]:g} comes twice in {name}; {first}; give one reading, or the mean of several"
+            )
+        if (target - before[0]) * direction < 0:
+            way = "ascend" if direction > 0 else "descend"
+            raise table.error(
+                row,
+                f"{name}: target {shown[1]:g} after {shown[0]:g}; targets of this direction {way}, in the order in "
+                "which they were visited: are rows sorted otherwise, or is the direction or cycle another one?",
             )
 
 

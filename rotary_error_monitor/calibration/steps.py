@@ -37,6 +37,12 @@ from rotary_error_monitor.metrology.positioning_bounds import PositioningBounds,
 from rotary_error_monitor.metrology.repeated_runs import FALSE_ALARM
 from rotary_error_monitor.units import ARCSEC, TURN
 
+FINEST_LENGTH = 1e-9
+"""Standard deviation, m, below which no interferometer in air repeats: its resolution, and 1e-9 of a metre of air."""
+
+FINEST_ANGLE = 1e-3 / ARCSEC
+"""The same of a rotary axis, rad: a fifth of the resolution of the finest autocollimators."""
+
 LARGEST_GAP = 1.2
 """Targets of a rotary axis further apart, rad, do not go all round."""
 
@@ -165,6 +171,7 @@ def calibrate_positioning(
     lost = _across(job.file.machine, axis, positions)
     written = job.finish([*components], uncertainty, _noted(figures, bounds), misfits)
     remarks = (*check_standard_test(runs), *_positioning_remarks(job, runs, share, lost, [*components], uncertainty))
+    remarks += _too_quiet(figures, runs.rotary)
     return PositioningResult(
         ", ".join(components),
         *(runs, figures, bounds, instrument, outliers, drop_outliers, remarks, uncertainty, misfits, written),
@@ -178,10 +185,24 @@ def _positioning_remarks(
     if share < LEAST_COVERED:
         yield f"the targets cover {share:.0%} of the travel; beyond them the error of the last one holds"
     if lost > uncertainty:
-        size = f"{lost / ARCSEC:.3g} arcsec" if runs.rotary else f"{lost * 1e6:.3g} µm"
+        size = f"{lost * ARCSEC:.3g} arcsec" if runs.rotary else f"{lost * 1e6:.3g} µm"
         yield f"up to {size} across the axis, which the file had in {', '.join(names)}, is in the history now"
     if runs.rotary and not job.is_table:
         yield "told from a tool tip: radial error motions and a displaced axis count into the angle"
+
+
+def _too_quiet(figures: PositioningFigures, rotary: bool) -> tuple[str, ...]:
+    """A remark on runs that repeat better than any instrument for such axes does."""
+    ways = [figures.forward] if figures.backward is None else [figures.forward, figures.backward]
+    scatter = max(float(way.spread.max()) for way in ways)
+    if scatter == 0.0 or scatter >= (FINEST_ANGLE if rotary else FINEST_LENGTH):
+        return ()
+    shown = f"{scatter * ARCSEC:.2g} arcsec" if rotary else f"{scatter * 1e6:.2g} µm"
+    finest = f"{FINEST_ANGLE * ARCSEC:g} arcsec" if rotary else f"{FINEST_LENGTH * 1e6:g} µm"
+    return (
+        f"runs scatter by {shown} at most, and no instrument repeats to {finest} over a travel: are the deviations in "
+        "the unit of the header?",
+    )
 
 
 def _largest_uncertainty(figures: PositioningFigures) -> float:

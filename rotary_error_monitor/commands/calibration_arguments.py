@@ -11,6 +11,7 @@ from pathlib import Path
 from rotary_error_monitor.calibration.machine_file import MachineFile
 from rotary_error_monitor.calibration.steps import Job
 from rotary_error_monitor.calibration.yaml_document import changing
+from rotary_error_monitor.commands.values import day
 from rotary_error_monitor.description.column_layout import ColumnLayout
 from rotary_error_monitor.files import check_outputs, check_places
 
@@ -28,7 +29,7 @@ def add_changed(parser: argparse.ArgumentParser, what: str, help_: str = "") -> 
     name = f"{what.upper()}.yaml"
     parser.add_argument(f"--{what}", type=Path, required=True, metavar=name, help=f"the file to calibrate{help_}")
     parser.add_argument("-o", "--output", type=Path, help=f"write here instead of changing {name}")
-    parser.add_argument("--date", type=date.fromisoformat, help="day of the calibration (default: today)")
+    parser.add_argument("--date", type=day, help="day of the calibration (default: today)")
     parser.add_argument(
         "--force", action="store_true", help="write what does not fit as well, with an uncertainty that covers it"
     )

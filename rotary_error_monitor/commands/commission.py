@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from datetime import UTC, date, datetime
+from datetime import UTC, datetime
 from pathlib import Path
 
 from rotary_error_monitor.calibration.yaml_document import changing
 from rotary_error_monitor.commands.live_commissioning import add_live, record_live
-from rotary_error_monitor.commands.values import add_naming, naming_of
+from rotary_error_monitor.commands.values import add_naming, day, naming_of
 from rotary_error_monitor.commissioning.commission import Commissioning
 from rotary_error_monitor.commissioning.report import commissioning_text
 from rotary_error_monitor.commissioning.stage_file import commission_stage, write_stage
@@ -39,7 +39,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--stage", type=Path, required=True, metavar="NOMINAL.yaml", help="what the data sheets say")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="STAGE.yaml")
     parser.add_argument("--page", type=Path, metavar="PAGE.html", help="the same with pictures, whatever the exit code")
-    parser.add_argument("--date", type=date.fromisoformat, help="day of the commissioning (default: today)")
+    parser.add_argument("--date", type=day, help="day of the commissioning (default: today)")
     parser.add_argument("--force", action="store_true", help="write the file whatever is left wrong, and what that is")
 
 
@@ -63,8 +63,8 @@ def run(arguments: argparse.Namespace) -> int:
         if not (result.settled or arguments.force):
             print("not written: put right what is wrong and record again; --force writes it all the same")
             return NOT_SETTLED
-        day = arguments.date or datetime.now(UTC).date()
-        write_stage(stage, result, bag, arguments.stage, arguments.output, day)
+        dated = arguments.date or datetime.now(UTC).date()
+        write_stage(stage, result, bag, arguments.stage, arguments.output, dated)
     cell = f" --cell {arguments.cell}" if arguments.cell else ""
     cell += f" --topics {arguments.topics}" if arguments.topics else ""
     print(f"written to {arguments.output}; next: rotary_error_monitor check {bag} --stage {arguments.output}{cell}")

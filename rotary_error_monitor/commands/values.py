@@ -6,6 +6,7 @@ import argparse
 import math
 import sys
 from collections.abc import Callable, Iterable, Mapping
+from datetime import date
 from pathlib import Path
 
 from rotary_error_monitor.bags.naming import Naming, read_naming
@@ -43,6 +44,14 @@ def finite(text: str) -> float:
 def not_negative(text: str) -> float:
     """A number that is zero or above, as an argument's type."""
     return _number(text, "one that is 0 or above", "below 0", lambda value: value >= 0)
+
+
+def day(text: str) -> date:
+    """A day, as an argument's type."""
+    try:
+        return date.fromisoformat(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{text}' is no day; write year-month-day, such as 2026-11-28") from None
 
 
 def flatness_um(text: str) -> float | None:

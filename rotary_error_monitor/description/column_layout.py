@@ -55,6 +55,10 @@ DIRECTIONS = {
 """What instruments write for a direction of travel, in small letters."""
 
 
+MICRO = "\N{GREEK SMALL LETTER MU}", "\N{MICRO SIGN}"
+"""Two characters that look alike, of which headers have one and keyboards the other."""
+
+
 def plain_name(column: str) -> str:
     """The name of a column without the unit at its end, if there is one."""
     head, mark, unit = column.rpartition("_")
@@ -85,9 +89,9 @@ class ColumnLayout:
         units: dict[str, str] = {}
         for word in words:
             name, mark, value = word.partition("=")
-            header, comma, unit = value.rpartition(",")
+            header, comma, unit = value.replace(*MICRO).rpartition(",")
             if not comma or unit not in SCALES:
-                header, unit = value, ""
+                header, unit = value.replace(*MICRO), ""
             if not mark or not name or not header:
                 raise InputError(
                     f"--columns: '{excerpt(word)}'; expected what it is, =, the column's header and, after a comma, "
@@ -199,7 +203,7 @@ def cells_of(line: str, separator: str) -> list[str]:
     if separator == BLANKS:
         return line.split()
     try:
-        return [cell.strip() for cell in next(csv.reader([line], delimiter=separator), [])]
+        return [cell.strip() for cell in next(csv.reader([line.replace(*MICRO)], delimiter=separator), [])]
     except csv.Error:  # of a line of words that is no row
         return []
 

@@ -27,7 +27,7 @@ from rotary_error_monitor.description.column_layout import (
     with_points,
 )
 from rotary_error_monitor.errors import InputError, excerpt
-from rotary_error_monitor.files import MOST_LINES, lines_of, read_text
+from rotary_error_monitor.files import lines_of, read_table_text
 
 _SEPARATOR_NAMES = {",": "commas", ";": "semicolons", "\t": "tabs"}
 
@@ -139,7 +139,7 @@ def _foreign(path: Path, choices: Sequence[Sequence[Column]], layout: ColumnLayo
     """Columns and rows of somebody else's table; columns that the layout has for one of the choices."""
     names = layout.chosen([[column.name for column in columns] for columns in choices])
     columns = next(c for c in choices if [column.name for column in c] == list(names))
-    text = read_text(path, "a table of measurements", encoding="utf-8-sig", most_lines=MOST_LINES)
+    text = read_table_text(path, "a table of measurements")
     words = {plain_name(column.name) for column in columns if column.text}
     header, rows = layout.read(list(lines_of(text)), str(path), words)
     if not rows:
@@ -152,7 +152,7 @@ def _rows(path: Path, choices: Sequence[Sequence[Column]]) -> tuple[str, list[tu
 
     A row is a line.
     """
-    text = read_text(path, "a CSV file", encoding="utf-8-sig", most_lines=MOST_LINES)
+    text = read_table_text(path, "a CSV file")
     lines = [
         (number, line)
         for number, line in enumerate(lines_of(text), start=1)

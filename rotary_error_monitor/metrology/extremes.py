@@ -36,13 +36,19 @@ LEAST_NOISE = 1e-4
 
 
 def draw_ranges(found: Array, noise: Array, errors: Array, margin: Array) -> Array:
-    """(d,) probable max(mean + margin) - min(mean - margin) of means (m,) found with errors like those drawn.
+    """(d,) probable max(mean + margin) - min(mean - margin) of means found with errors like those drawn.
 
-    All others (d, m): variances of the errors, errors drawn, and what each draw adds at either side.
+    All (d, m): means that are found, which may be the same (m,) in all draws, variances of the errors, errors drawn,
+    and what each draw adds at either side.
     """
     if not noise.any():
         return np.asarray((found + margin).max(axis=1) - (found - margin).min(axis=1))
-    means, weight, errors, margin = found[:, None], _weights(noise), _by_mean(errors), _by_mean(margin)
+    means, weight, errors, margin = (
+        _by_mean(np.broadcast_to(found, noise.shape)),
+        _weights(noise),
+        _by_mean(errors),
+        _by_mean(margin),
+    )
     upper, lower = means + margin, means - margin
     above, below, draw = _Levels.of(upper, weight), _Levels.of(-lower, weight), np.arange(len(noise))
     top, rest = above.outermost, lower.copy()
@@ -55,8 +61,8 @@ def draw_ranges(found: Array, noise: Array, errors: Array, margin: Array) -> Arr
         # floor and ceiling cross where a margin is wider than half the range
         result = np.where(floor > ceiling, (low + high) / 2, np.minimum(np.maximum(means, floor), ceiling))
         apart = push < 0
-        result[top, draw] = np.where(apart, found[top] - push / weight[top, draw], result[top, draw])
-        result[bottom, draw] = np.where(apart, found[bottom] + push / weight[bottom, draw], result[bottom, draw])
+        result[top, draw] = np.where(apart, means[top, draw] - push / weight[top, draw], result[top, draw])
+        result[bottom, draw] = np.where(apart, means[bottom, draw] + push / weight[bottom, draw], result[bottom, draw])
         return result
 
     def extent(each: Array) -> Array:
@@ -74,20 +80,21 @@ def draw_largest(found: Array, noise: Array, errors: Array, margin: Array) -> Ar
     if not noise.any():
         return np.asarray((np.abs(found) + margin).max(axis=1))
     weight, errors, margin = _weights(noise), _by_mean(errors), _by_mean(margin)
-    size, sign = np.abs(found)[:, None], np.where(found < 0, -1.0, 1.0)[:, None]
+    means = _by_mean(np.broadcast_to(found, noise.shape))
+    size, sign = np.abs(means), np.where(means < 0, -1.0, 1.0)
     levels, draw = _Levels.of(size + margin, weight), np.arange(len(noise))
     top = levels.outermost
 
     def moved(push: Array) -> Array:
         result = np.minimum(size, np.maximum(levels.at(push) - margin, 0.0))
-        result[top, draw] = np.where(push < 0, size[top, 0] - push / weight[top, draw], result[top, draw])
+        result[top, draw] = np.where(push < 0, size[top, draw] - push / weight[top, draw], result[top, draw])
         return np.asarray(result * sign)
 
     def extent(each: Array) -> Array:
         return np.asarray((np.abs(each) + margin).max(axis=0))
 
     observed, most = extent(size), (weight * (size + margin)).sum(axis=0)
-    alone = weight[top, draw] * sign[top, 0] * errors[top, draw]
+    alone = weight[top, draw] * sign[top, draw] * errors[top, draw]
     push = _push(lambda each: extent(moved(each) + errors), observed, alone, most)
     return extent(moved(push))
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.metrology.reading_steps import step_of
 
 COVERAGE = 2.0
 """Coverage factor of ISO 230-2: a unidirectional repeatability spans 2 s to either side of the mean."""
@@ -19,6 +20,9 @@ MEDIAN_OF_ABSOLUTE_NORMAL = float(ndtri(0.75))
 
 SCALE_EFFICIENCY = 0.4
 """Information in the median of absolute differences beside that in a standard deviation, for normal readings."""
+
+EXACT = 13
+"""Digits after the point, m or rad, to which readings tell their steps: double precision leaves 1e-14 of 100 m."""
 
 FORWARD, BACKWARD = +1, -1
 
@@ -42,7 +46,7 @@ class PositioningRuns:
     def __post_init__(self) -> None:
         unit = "rad" if self.rotary else "m"
         if self.targets.ndim != 1 or len(self.targets) < 2:
-            raise InputError(f"targets of shape {self.targets.shape}: at least two are needed")
+            raise InputError(f"{self.targets.size} target(s): at least two are needed, each with two readings or more")
         steps = np.diff(self.targets)
         if not np.all(steps > 0):
             at = int(np.argmin(steps > 0))
@@ -210,8 +214,9 @@ def find_outlying(
     """Readings (m, n) by target and cycle, a block for each direction, that are too far from their target's median.
 
     The scale is the median distance between two readings at one target: an unbiased, robust measure for any number
-    of cycles, which pools all targets and both directions. `false_alarm` bounds the probability that a clean, normally
-    distributed test shows any outlier (Bonferroni over all readings). NaN marks a reading that is not there.
+    of cycles, which pools all targets and both directions; of an instrument that reads in steps the median of grouped
+    distances, for two readings that are equal are so to a step. `false_alarm` bounds the probability that a clean,
+    normally distributed test shows any outlier (Bonferroni over all readings). NaN marks a reading that is not there.
     `least_scale` is a standard deviation of a reading that is not fallen below, such as that of rounding.
     """
     scale = _pooled_scale([values for _, values in blocks])
@@ -274,9 +279,30 @@ def _pooled_scale(blocks: list[NDArray[np.float64]]) -> float | None:
         first, second = np.triu_indices(values.shape[1], k=1)
         distances.append(np.abs(values[:, first] - values[:, second]).ravel())
     pooled = np.concatenate(distances)
-    if not np.isfinite(pooled).any():
+    pooled = pooled[np.isfinite(pooled)]
+    if len(pooled) == 0:
         return None
-    return float(np.nanmedian(pooled) / (math.sqrt(2) * MEDIAN_OF_ABSOLUTE_NORMAL))
+    # of pairs that share no reading: one that stands off is in one of them
+    apart = np.concatenate([np.abs(v[:, 1::2] - v[:, : v.shape[1] // 2 * 2 : 2]).ravel() for v in blocks])
+    readings = np.concatenate([values.ravel() for values in blocks])
+    step = _step_of_repeated(apart) or _step_of_repeated(readings)
+    return _grouped_median(pooled, step) / (math.sqrt(2) * MEDIAN_OF_ABSOLUTE_NORMAL)
+
+
+def _step_of_repeated(values: NDArray[np.float64]) -> float:
+    """Step of which all values that are there more than twice are whole numbers: few that stand off show none."""
+    rounded = np.round(values[np.isfinite(values)], EXACT)
+    _, index, counts = np.unique(rounded, return_inverse=True, return_counts=True)
+    return step_of(rounded[counts[index] > 2])
+
+
+def _grouped_median(distances: NDArray[np.float64], step: float) -> float:
+    """Median of distances (n,) that each stand for all of half a step to either side, evenly."""
+    median = float(np.median(distances))
+    low, high = max(median - step / 2, 0.0), median + step / 2
+    below = float(np.mean(distances < low))
+    within = float(np.mean((distances >= low) & (distances < high)))
+    return median if within == 0 else low + (high - low) * (0.5 - below) / within
 
 
 def check_standard_test(runs: PositioningRuns) -> tuple[str, ...]:

@@ -16,6 +16,9 @@ A maximum of means that may be equal has no derivative there. No estimate of it 
 where means are equal and where they are not quite (Hirano and Porter 2012, DOI 10.3982/ECTA8681; Andrews 2000,
 DOI 10.1111/1468-0262.00114, of the bootstrap): where targets are alike in truth, upper bounds are held more often.
 
+What the readings of a run have in common (drift from run to run, a scale that grows) is told apart (`run_effects`): it
+shifts all means of a run and is drawn beside the errors of single targets, with the degrees of freedom of the runs.
+
 The instrument's own error (its calibration, alignment, temperature) is alike in all runs, so readings do not show it.
 It changes with the position alone: it moves E, M and A, and leaves R and B (ISO 230-2:2014, Annex A, ISO/TR 230-9).
 """
@@ -32,6 +35,7 @@ from scipy.special import chdtrc, ndtri, stdtrit
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.metrology.extremes import draw_largest, draw_ranges
 from rotary_error_monitor.metrology.positioning import COVERAGE, PositioningRuns
+from rotary_error_monitor.metrology.run_effects import RunEffects, find_run_effects
 from rotary_error_monitor.metrology.scatter_posterior import REFUTED, ScatterDraws, draw_scatter
 
 Interval = tuple[float, float]
@@ -51,6 +55,10 @@ RANGES = ("systematic_deviation", "mean_deviation_range", "accuracy")
 
 OF_SCATTER = ("repeatability", "accuracy")
 """Figures that standard deviations go into, by the ends of their names."""
+
+
+LEAST_REVERSAL = "least_reversal_error"
+"""Draws for the lower bound of the largest reversal error."""
 
 
 @dataclass(frozen=True)
@@ -85,11 +93,29 @@ class PositioningBounds:
 
 @dataclass(frozen=True)
 class _Way:
-    """Means, variances of a reading and counts (m,) of one direction."""
+    """Means, variances of a reading by its own scatter, their degrees of freedom, and counts (m,) of one direction."""
 
     mean: Array
     variance: Array
+    freedom: Array
     count: Array
+
+
+@dataclass(frozen=True)
+class _Common:
+    """What runs have in common, drawn: errors of means and variances of a reading, (DRAWS, m) by direction."""
+
+    errors: Array
+    variances: Array
+
+
+@dataclass(frozen=True)
+class _Model:
+    """What is drawn: single targets by direction, and what runs have in common."""
+
+    ways: list[_Way]
+    scatter: ScatterDraws
+    common: _Common
 
 
 def bound_positioning(runs: PositioningRuns, instrument: float = 0.0) -> PositioningBounds:
@@ -100,12 +126,11 @@ def bound_positioning(runs: PositioningRuns, instrument: float = 0.0) -> Positio
     of all others five runs tell too little: there the upper bounds of R hold it less often.
     """
     blocks = [runs.forward] if runs.backward is None else [runs.forward, runs.backward]
-    ways = [
-        _Way(np.nanmean(v, axis=1), np.nanvar(v, axis=1, ddof=1), np.isfinite(v).sum(axis=1).astype(np.float64))
-        for v in blocks
-    ]
-    scatter = draw_scatter([way.variance for way in ways], [way.count for way in ways], DRAWS, np.random.default_rng(0))
-    found = _bounds(ways, scatter, instrument)
+    model = _model(blocks, find_run_effects(runs.targets, blocks))
+    # without effects of runs that are not certain, as any simpler model that is not refuted
+    fewer = _model(blocks, find_run_effects(runs.targets, blocks, 1 - REFUTED))
+    ways, scatter, common = model.ways, model.scatter, model.common
+    found = _bounds(model, fewer, instrument)
     for name, way in zip(("forward", "backward"), ways, strict=False):
         _reach_of_two(found, f"{name}_systematic_deviation", way.mean, [way], instrument)
     if len(ways) == 1:
@@ -113,7 +138,7 @@ def bound_positioning(runs: PositioningRuns, instrument: float = 0.0) -> Positio
     both = np.concatenate([way.mean for way in ways])
     _reach_of_two(found, "systematic_deviation", both, ways, instrument)
     _reach_of_two(found, "mean_deviation_range", (ways[0].mean + ways[1].mean) / 2, ways, instrument, 0.5)
-    low, high = found["mean_reversal_error"] = _bound_mean_reversal(*ways)
+    low, high = found["mean_reversal_error"] = _bound_mean_reversal(ways[0], ways[1], common)
     if _alike(ways[0].mean - ways[1].mean, ways, scatter) >= REFUTED:
         found["reversal_error"] = max(0.0, low, -high), found["reversal_error"][1]
     names = BidirectionalBounds.__dataclass_fields__
@@ -122,6 +147,14 @@ def bound_positioning(runs: PositioningRuns, instrument: float = 0.0) -> Positio
         _direction(found, "backward"),
         BidirectionalBounds(**{name: found[name] for name in names}),
     )
+
+
+def _model(blocks: list[Array], effects: RunEffects) -> _Model:
+    counts = [np.isfinite(each).sum(axis=1).astype(np.float64) for each in blocks]
+    ways = [_Way(*each) for each in zip(effects.means, effects.variance, effects.freedom, counts, strict=True)]
+    variances, freedoms = [way.variance for way in ways], [way.freedom for way in ways]
+    scatter = draw_scatter(variances, freedoms, DRAWS, np.random.default_rng(0))
+    return _Model(ways, scatter, _Common(*effects.draw(DRAWS, np.random.default_rng(2))))
 
 
 def _reach_of_two(
@@ -144,15 +177,17 @@ def _direction(found: dict[str, Interval], way: str) -> DirectionBounds:
     return DirectionBounds(**{name: found[f"{way}_{name}"] for name in DirectionBounds.__dataclass_fields__})
 
 
-def _bound_mean_reversal(there: _Way, back: _Way) -> Interval:
-    """The t interval of the mean reversal error."""
+def _bound_mean_reversal(there: _Way, back: _Way, common: _Common) -> Interval:
+    """The t interval of the mean reversal error, with probable errors that runs there have in common or those back."""
     targets = len(there.mean)
     middle = float((there.mean - back.mean).mean())
     parts = np.concatenate([way.variance / way.count for way in (there, back)]) / targets**2
+    errors = (common.errors[0] - common.errors[1]).mean(axis=1)
     if not parts.any():
         return middle, middle
-    freedom = parts.sum() ** 2 / (parts**2 / np.concatenate([way.count - 1 for way in (there, back)])).sum()
-    reach = float(stdtrit(freedom, TAILS[1]) * np.sqrt(parts.sum()))
+    freedom = parts.sum() ** 2 / (parts**2 / np.concatenate([there.freedom, back.freedom])).sum()
+    own = stdtrit(freedom, (np.arange(DRAWS) + 0.5) / DRAWS) * np.sqrt(parts.sum())
+    reach = float(np.quantile(np.abs(np.random.default_rng(3).permutation(own) + errors), TAILS[1] - TAILS[0]))
     return middle - reach, middle + reach
 
 
@@ -170,13 +205,15 @@ def _alike(reversal: Array, ways: list[_Way], scatter: ScatterDraws) -> float:
     return float(chdtrc(len(reversal) - 1, square).mean())
 
 
-def _bounds(ways: list[_Way], scatter: ScatterDraws, instrument: float) -> dict[str, Interval]:
-    """Intervals of all figures that are extremes, by name."""
-    means, counts = [way.mean for way in ways], [way.count for way in ways]
-    normal = _normal(sum(map(len, means)) + 1)
+def _bounds(model: _Model, fewer: _Model, instrument: float) -> dict[str, Interval]:
+    """Intervals of all figures that are extremes, by name; `fewer` is the model of fewer effects of runs."""
+    normal = _normal(sum(len(way.mean) for way in model.ways) + 1)
     moved = instrument * normal[:, -1]
-    drawn = _figures(means, counts, scatter.probable, normal, ("",))
-    simpler = [_figures(means, counts, variances, normal, OF_SCATTER) for variances in scatter.simpler]
+    drawn = _figures(model.ways, model.common, model.scatter.probable, normal, ("",))
+    simpler = [_figures(model.ways, model.common, each, normal, OF_SCATTER) for each in model.scatter.simpler]
+    if any(np.any(one.freedom != other.freedom) for one, other in zip(model.ways, fewer.ways, strict=True)):
+        probable = [fewer.scatter.probable, *fewer.scatter.simpler]
+        simpler += [_figures(fewer.ways, fewer.common, each, normal, OF_SCATTER) for each in probable]
     found = {}
     for name, values in drawn.items():
         each = [values, *(model[name] for model in simpler if name in model)]
@@ -184,6 +221,8 @@ def _bounds(ways: list[_Way], scatter: ScatterDraws, instrument: float) -> dict[
             each = [np.maximum(one + moved, 0.0) for one in each]
         low, high = min(float(np.quantile(one, TAILS[0])) for one in each), float(np.quantile(each[0], TAILS[1]))
         found[name] = low, high
+    if LEAST_REVERSAL in found:
+        found["reversal_error"] = found.pop(LEAST_REVERSAL)[0], found["reversal_error"][1]
     return found
 
 
@@ -197,23 +236,34 @@ def _normal(columns: int) -> Array:
 
 
 def _figures(
-    means: list[Array], counts: list[Array], variances: list[Array], normal: Array, wanted: tuple[str, ...]
+    ways: list[_Way], common: _Common, variances: list[Array], normal: Array, wanted: tuple[str, ...]
 ) -> dict[str, Array]:
     """(DRAWS,) of each figure whose name ends as `wanted`, for variances of a reading (DRAWS, m) by direction."""
     parts = []
     for start in range(0, DRAWS, PART):
-        part = [each[start : start + PART] for each in variances]
-        noise = [each / count for each, count in zip(part, counts, strict=True)]
-        split = np.split(normal[start : start + PART, :-1], len(means), axis=1)
+        now = slice(start, start + PART)
+        part = [each[now] for each in variances]
+        noise = [each / way.count for each, way in zip(part, ways, strict=True)]
+        split = np.split(normal[now, :-1], len(ways), axis=1)
         errors = [np.sqrt(each) * of for each, of in zip(noise, split, strict=True)]
-        parts.append(_figures_of(means, noise, errors, [COVERAGE * np.sqrt(each) for each in part], wanted))
+        margins = [COVERAGE * np.sqrt(each + more[now]) for each, more in zip(part, common.variances, strict=True)]
+        means = [way.mean - shift[now] for way, shift in zip(ways, common.errors, strict=True)]
+        parts.append(_figures_of([way.mean for way in ways], means, noise, errors, margins, wanted))
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 def _figures_of(
-    means: list[Array], noise: list[Array], errors: list[Array], margins: list[Array], wanted: tuple[str, ...]
+    found: list[Array],
+    means: list[Array],
+    noise: list[Array],
+    errors: list[Array],
+    margins: list[Array],
+    wanted: tuple[str, ...],
 ) -> dict[str, Array]:
-    """The figures as `positioning` has them of readings; of draws, see `extremes`."""
+    """The figures as `positioning` has them of readings; of draws, see `extremes`.
+
+    `means` (d, m) are those found (m,) without probable errors that runs have in common.
+    """
     still = np.zeros_like(noise[0])
     makers: dict[str, Callable[[], Array]] = {}
     for name, *way in zip(("forward", "backward"), means, noise, errors, margins, strict=False):
@@ -224,8 +274,11 @@ def _figures_of(
     if len(means) == 2:
         reversal = means[0] - means[1], noise[0] + noise[1], errors[0] - errors[1]
         middle = (means[0] + means[1]) / 2, (noise[0] + noise[1]) / 4, (errors[0] + errors[1]) / 2
-        both = np.concatenate(means), np.concatenate(noise, axis=1), np.concatenate(errors, axis=1)
+        both = np.concatenate(means, axis=1), np.concatenate(noise, axis=1), np.concatenate(errors, axis=1)
         margin = np.concatenate(margins, axis=1)
+        # common errors that may have made all of a reversal error leave none of the other sign
+        least = np.where(reversal[0] * (found[0] - found[1]) > 0, reversal[0], 0.0)
+        makers[LEAST_REVERSAL] = partial(draw_largest, least, *reversal[1:], still)
         makers["reversal_error"] = partial(draw_largest, *reversal, still)
         makers["repeatability"] = lambda: np.maximum(
             draw_largest(*reversal, margins[0] + margins[1]), _widest(np.maximum(*margins))

@@ -44,10 +44,10 @@ class ScatterDraws:
     simpler: list[list[Array]]
 
 
-def draw_scatter(found: list[Array], counts: list[Array], draws: int, rng: np.random.Generator) -> ScatterDraws:
-    """Draws for variances (m,) that were found of so many readings (m,), by direction."""
+def draw_scatter(found: list[Array], freedoms: list[Array], draws: int, rng: np.random.Generator) -> ScatterDraws:
+    """Draws for variances (m,) that were found with so many degrees of freedom (m,), by direction."""
     targets = len(found[0])
-    freedom = np.concatenate(counts) - 1
+    freedom = np.concatenate(freedoms)
     variance = np.concatenate(found)
     middle = float(freedom @ variance) / float(freedom.sum())
     if middle == 0:

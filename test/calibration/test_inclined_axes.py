@@ -105,6 +105,12 @@ def test_what_was_measured_along_the_axis_is_what_it_does_and_what_its_table_tak
     assert f"positioning ({names})" in told
     lost = "across the axis, which the file had in"
     assert (f"{lost} {names}, is in the history now" in told) == (lost in told) == ("," in names)
+    if lost in told:  # what is across at the ends of the travel, where no direction is known, by component
+        at_end = arrange_components(load_machine(str(path))).at(np.array([[TARGETS[-1]]]), np.zeros((1, 1)), None)
+        parts = [at_end["XYZABC".index(name[1]), 0, 0] for name in machine.axis(letter).positioning_shares]
+        number, shown = told.partition(f" {lost}")[0].split()[-2:]
+        assert shown == ("µm" if sort == "linear" else "arcsec")
+        assert float(number) == pytest.approx(np.abs(parts).max() * deviation, rel=0.01)
     table = predict_axis_compensation(machine, letter)
     np.testing.assert_allclose(table.positions, TARGETS, atol=1e-9)
     np.testing.assert_allclose(table.forward, curves[1], atol=5e-9)

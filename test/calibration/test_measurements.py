@@ -96,7 +96,10 @@ def changed(row: int, line: str) -> list[str]:
         (changed(1, "100,1,1,two"), ":3: deviation_um 'two' is no number"),
         (changed(1, "100,2,1,2.0"), ":3: direction 2; expected 1"),
         (changed(1, "0,1,1,2.0"), r":3: target 0 comes twice in cycle 1, direction \+1; first on line 2"),
-        (changed(1, "300,1,1,2.0"), r":4: cycle 1, direction \+1: target 200 after 300; are the rows sorted"),
+        (
+            changed(1, "300,1,1,2.0"),
+            r":4: cycle 1, direction \+1: target 200 after 300; targets of this direction ascend, in",
+        ),
         (changed(4, "100,1,1,1.5"), r":6: cycle 1, direction \+1: target 100 after 200"),
         ([HEADER, *GOOD[:8], *GOOD[9:]], ":12: in the table that ends here, target 0.2 m has 1 forward reading"),
         ([HEADER, *(row for row in GOOD if ",-1," in row)], ":2: no forward run"),

@@ -162,6 +162,24 @@ def test_targets_in_another_unit_are_written_by_force_only(
     assert run("positioning", source, "--machine", machine, "--axis", axis, "--force") == 0
 
 
+@pytest.mark.parametrize(("axis", "scale"), [("X", 1e-3), ("C", 1 / 3600)])
+@pytest.mark.parametrize("seed", range(3))
+def test_deviations_that_repeat_better_than_any_instrument_are_asked_for_their_unit(
+    tmp_path: Path, machine: Path, axis: str, scale: float, seed: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Scatter of 0.3 µm and of 0.3″; mm under a header in µm, and degrees under one in arcsec."""
+    rng = np.random.default_rng(seed)
+    head, *rows = positioning_file(tmp_path, rotary=axis == "C").read_text(encoding="utf-8").splitlines()
+    rows = [row.rpartition(",")[0] for row in rows]
+    for unit in (1.0, scale):
+        lines = [f"{row},{unit * rng.normal(0, 0.3):.9f}" for row in rows]
+        source = tmp_path / "scattered.csv"
+        source.write_text("\n".join([head, *lines]), encoding="utf-8")
+        assert run("positioning", source, "--machine", machine, "--axis", axis, "--force") == 0
+        text = capsys.readouterr().out
+        assert ("no instrument repeats to" in text) == (unit != 1.0), text
+
+
 def test_startup_outlier_is_named_and_counted(
     tmp_path: Path, machine: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -595,6 +613,7 @@ def test_the_twin_of_a_case_is_calibrated_from_its_bag(case: Path, tmp_path: Pat
         ("--mirror-flatness-um", "-0.1", "-0.1 is below 0"),
         ("--mirror-flatness-um", "thin", "'thin' is no number, and not 'unknown'"),
         ("--noise-um", "0", "0 is not above 0"),
+        ("--date", "28.11.2026", "'28.11.2026' is no day; write year-month-day, such as 2026-11-28"),
     ],
 )
 def test_impossible_arguments(option: str, value: str, problem: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -147,3 +147,16 @@ def test_rows_that_are_wrong_have_their_line(tmp_path: Path) -> None:
     path.write_text("Pos.;Dir;Run No;Error (um)\n", encoding="utf-8")
     with pytest.raises(InputError, match=r"laser\.txt:1: a header and no row below it"):
         read_positioning(path, rotary=False, layout=layout)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16", "cp1252"])
+@pytest.mark.parametrize("header", ["Error (\N{MICRO SIGN}m)", "Error (\N{GREEK SMALL LETTER MU}m)"])
+def test_micrometres_in_a_header_are_found_however_they_are_written(tmp_path: Path, encoding: str, header: str) -> None:
+    """The micro sign and the Greek letter look alike; the older encodings have the first one alone."""
+    stands = "Error (\N{MICRO SIGN}m)" if encoding == "cp1252" else "Error (\N{GREEK SMALL LETTER MU}m)"
+    rows = [f"{target};{sign};{cycle};{deviation}" for target, sign, cycle, deviation in own_rows()]
+    path = tmp_path / "laser.txt"
+    path.write_bytes("\n".join([f"Pos.;Dir;Run No;{stands}", *rows]).encode(encoding))
+    words = ["target=Pos.,mm", "direction=Dir", "cycle=Run No", f"deviation={header},um"]
+    found = read_positioning(path, rotary=False, layout=ColumnLayout.of(words))
+    assert found.forward[0, 0] == pytest.approx(1e-6 * own_rows()[0][3], abs=1e-15)

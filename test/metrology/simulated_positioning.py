@@ -33,6 +33,8 @@ class Axis:
         instrument: standard deviation of the instrument's error over the travel, m.
         noise: what draws the scatter of a shape, of standard deviation 1.
         drift: standard deviation of what a cycle has in common at all targets both ways, m or rad.
+        apart: standard deviation of what a run there has in common, and one back, each by itself, m or rad.
+        growth: standard deviation of what a cycle adds at either end of the travel, against the middle, m or rad.
     """
 
     targets: Array
@@ -44,10 +46,13 @@ class Axis:
     instrument: float = 0.0
     noise: Noise = field(default=np.random.Generator.standard_normal)
     drift: float = 0.0
+    apart: float = 0.0
+    growth: float = 0.0
 
     def truth(self) -> dict[str, float]:
         """The figures of infinitely many runs."""
-        (s, t), n = np.hypot(self.scatter, self.drift), len(self.targets)
+        n = len(self.targets)
+        s, t = np.sqrt(np.square(self.scatter) + self.drift**2 + self.apart**2 + np.square(self.growth * self.middle()))
         rows = [(self.there[k], self.back[k], s[k], t[k]) for k in range(n)]
         tops = [max(f + 2 * a, b + 2 * c) for f, b, a, c in rows]
         feet = [min(f - 2 * a, b - 2 * c) for f, b, a, c in rows]
@@ -66,15 +71,22 @@ class Axis:
             "bidirectional.accuracy": max(tops) - min(feet),
         }
 
+    def middle(self) -> Array:
+        """(m,) places along the travel, from -1 to 1."""
+        return np.asarray(2 * (self.targets - self.targets[0]) / np.ptp(self.targets) - 1)
+
     def measured(self, rng: np.random.Generator) -> PositioningRuns:
         """Runs there and back, by an instrument whose error grows along the travel and is alike in all runs."""
         along = (self.targets - self.targets[0]) / np.ptp(self.targets)
         offset = self.instrument * rng.normal() * along
         shape = len(along), self.runs
         common = self.drift * rng.normal(size=self.runs) if self.drift else 0.0
+        if self.growth:
+            common = common + self.growth * rng.normal(size=self.runs) * self.middle()[:, None]
+        ways = self.apart * rng.normal(size=(2, self.runs)) if self.apart else (0.0, 0.0)
         readings = [
-            (mean + offset)[:, None] + common + scatter[:, None] * self.noise(rng, shape)
-            for mean, scatter in zip((self.there, self.back), self.scatter, strict=True)
+            (mean + offset)[:, None] + common + own + scatter[:, None] * self.noise(rng, shape)
+            for mean, scatter, own in zip((self.there, self.back), self.scatter, ways, strict=True)
         ]
         return PositioningRuns(self.targets, readings[0], readings[1], self.rotary)
 
@@ -172,6 +184,11 @@ AXES: dict[str, Callable[[np.random.Generator], Axis]] = {
 
 OTHER_AXES: dict[str, Callable[[np.random.Generator], Axis]] = {
     "drift from run to run": lambda rng: replace(linear(rng, reversal=2.0), drift=0.5e-6),
+    "drift five times the scatter": lambda rng: replace(linear(rng, reversal=2.0), drift=5e-6),
+    "drift as large as the scatter": lambda rng: replace(linear(rng, reversal=2.0), drift=1e-6),
+    "each run drifts by itself": lambda rng: replace(linear(rng, reversal=4.0), apart=2e-6),
+    "each run drifts a little": lambda rng: replace(linear(rng, reversal=4.0), apart=0.5e-6),
+    "scale that grows": lambda rng: replace(linear(rng, span=12.0, reversal=2.0), growth=3e-6),
     "uniform scatter": lambda rng: replace(linear(rng, reversal=2.0), noise=uniform),
     "heavy tails": lambda rng: replace(linear(rng, reversal=2.0), noise=heavy_tailed),
     "screw, one target high": screw,

@@ -225,3 +225,33 @@ def test_departures_from_the_standard_are_said() -> None:
 def test_bad_tables_are_refused(targets: list[float], forward: list[list[float]], message: str) -> None:
     with pytest.raises(InputError, match=message):
         PositioningRuns(np.array(targets), np.array(forward), None)
+
+
+@pytest.mark.parametrize("resolution", [1e-6, 5e-6])
+def test_a_coarse_instrument_makes_no_outliers(resolution: float) -> None:
+    """Sound readings to steps of 1 to 20 standard deviations: the median distance of two may be 0."""
+    flagged = []
+    for seed in range(120):
+        rng = np.random.default_rng(seed)
+        means = rng.normal(0, 5 * resolution, 11)[:, None]
+        scatter = resolution * rng.uniform(0.05, 1.0)
+        both = [resolution * np.rint((means + scatter * rng.normal(size=(11, 5))) / resolution) for _ in range(2)]
+        flagged.append(bool(find_outliers(PositioningRuns(np.arange(11) / 10, *both), false_alarm=1e-3)))
+    assert np.mean(flagged) <= 0.05
+
+
+@pytest.mark.parametrize("offset", [0.0, 3.3e-7])
+def test_an_outlier_of_a_coarse_instrument_is_found(offset: float) -> None:
+    """A mistake of ten steps, where the targets are whole numbers of steps or not."""
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        means = rng.normal(0, 5e-6, 11)[:, None]
+        both = [
+            1e-6 * np.rint((means + 2e-7 * rng.normal(size=(11, 5))) * 1e6) + offset * np.arange(11)[:, None]
+            for _ in range(2)
+        ]
+        target, cycle = rng.integers(11), rng.integers(5)
+        both[0][target, cycle] += 1e-5
+        found = find_outliers(PositioningRuns(np.arange(11) / 10, *both), false_alarm=1e-3)
+        assert [(each.target, each.cycle, each.direction) for each in found] == [(target, cycle, 1)]
+        assert np.isfinite(found[0].ratio)

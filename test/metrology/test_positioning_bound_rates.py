@@ -20,11 +20,27 @@ NOISE_ALONE = "hardly any error"
 """A range that is never negative: only its upper bound can fail."""
 
 LEAST_NOT_NORMAL = 0.85
-"""Of R and A where the scatter has heavy tails, or readings of all targets have what a cycle adds in common."""
+"""Of R and A where the scatter has heavy tails."""
+
+LEAST_OF_DRIFTS = 0.90
+"""Of R and A where runs have something in common, which five of them tell, and of all figures where that is so small
+that five do not tell whether it is there."""
+
+MOST_OF_DRIFTS = 0.995
+"""Of ranges where what runs have in common, which few runs tell, is most of what they are off by."""
+
+DRIFTS = (
+    "drift five times the scatter",
+    "drift as large as the scatter",
+    "each run drifts by itself",
+    "scale that grows",
+)
+
+A_LITTLE = "each run drifts a little"
 
 RANGES = ("systematic_deviation", "mean_deviation_range")
 
-NOT_NORMAL = ("heavy tails", "drift from run to run")
+NOT_NORMAL = "heavy tails"
 
 
 @pytest.mark.parametrize("kind", AXES | OTHER_AXES)
@@ -32,14 +48,17 @@ def test_bounds_hold_the_truth_in_nearly_all(kind: str) -> None:
     rates = {name: round(1 - sum(each), 3) for name, each in missed(kind, 500).items()}
     print(kind, rates)
     assert all(rate >= least(kind, name) for name, rate in rates.items()), rates
-    assert rates["bidirectional.mean_reversal_error"] <= MOST, rates
+    assert rates["bidirectional.mean_reversal_error"] <= (MOST_OF_DRIFTS if kind in DRIFTS else MOST), rates
     ranges = [rate for name, rate in rates.items() if name.endswith(RANGES)]
     assert len(ranges) == 3
-    assert kind == NOISE_ALONE or max(ranges) <= MOST_OF_RANGES, rates
+    assert kind == NOISE_ALONE or max(ranges) <= (MOST_OF_DRIFTS if kind in DRIFTS else MOST_OF_RANGES), rates
 
 
 def least(kind: str, name: str) -> float:
     """What is asked of a figure."""
-    if kind in NOT_NORMAL and name.endswith(("repeatability", "accuracy")):
+    of_scatter = name.endswith(("repeatability", "accuracy"))
+    if kind == A_LITTLE or (kind in ("drift from run to run", *DRIFTS) and of_scatter):
+        return LEAST_OF_DRIFTS
+    if kind == NOT_NORMAL and of_scatter:
         return LEAST_NOT_NORMAL
     return LEAST
