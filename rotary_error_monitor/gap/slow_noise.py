@@ -94,14 +94,11 @@ def learn_slow_noise(
     Returns:
         (q,) standard deviation of each of the `cosines`; None where none shows, or more than an instrument has.
     """
-    waves = cosines(passed)
-    count = int(np.count_nonzero(weight.any(axis=0)))
-    if count < 2 * waves.shape[1]:
-        return None
     data = _Data(white, weight, uncertain)
-    courses = data.whitened(in_all(waves, weight))
-    gram = courses.T @ courses
-    found = [_Spectrum.of(data, courses, gram, len(white), fall) for fall in FALLS]
+    found = _spectra(data, weight, passed)
+    if not found:
+        return None
+    count = int(np.count_nonzero(weight.any(axis=0)))
     best = _Explanation(0.0, np.stack([spectrum.log_evidence for spectrum in found]))
     likely = best.log_evidence
     if likely <= 0:
@@ -122,6 +119,25 @@ def learn_slow_noise(
     if float(data.rows @ data.rows) - taken > UNDESCRIBED * np.count_nonzero(weight):
         return None
     return np.asarray(SIZES[size] * found[law].shape, np.float64)
+
+
+def evidence_of_slow_noise(white: Array, weight: Array, passed: Array, uncertain: Array) -> float:
+    """Log marginal likelihood of slow noise over that of none, whatever else may be there; arguments as above.
+
+    Of several ways in which a course may add to the samples it tells the likeliest.
+    """
+    found = _spectra(_Data(white, weight, uncertain), weight, passed)
+    return float(_log_sum(np.stack([spectrum.log_evidence for spectrum in found]))) if found else -np.inf
+
+
+def _spectra(data: _Data, weight: Array, passed: Array) -> list[_Spectrum]:
+    """Slow noise by each law; none of fewer samples than two for each cosine."""
+    waves = cosines(passed)
+    if np.count_nonzero(weight.any(axis=0)) < 2 * waves.shape[1]:
+        return []
+    courses = data.whitened(in_all(waves, weight))
+    gram = courses.T @ courses
+    return [_Spectrum.of(data, courses, gram, len(weight), fall) for fall in FALLS]
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,106 @@
+"""Slow noise of pointings: what one shares with those before and after it, whatever part of the sky they are on.
+
+The air in a dome and a mount that creeps move the image for minutes. That is no error of the mount as long as it is as
+large as the noise; it is told from one as of a stage's or a machine's instrument (`gap/slow_noise.py`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.gap.known_effects import KnownEffects
+from rotary_error_monitor.gap.problem import Columns
+from rotary_error_monitor.gap.slow_noise import Rivals, cosines, evidence_of_slow_noise, learn_slow_noise
+from rotary_error_monitor.kinds.mount.course import POWERS
+from rotary_error_monitor.noise.slow_noise import Cells, SlowNoise
+
+WAVES = 40
+"""Half periods of the shortest wave over the recording that is looked for in the place of slow noise, as of a stage."""
+
+MOMENTS = 80
+"""Moments at which an axis may jump: those that are closer explain nearly the same."""
+
+SAME = 0.1
+"""Part by which sizes of slow noise may differ and be the same, as of a stage."""
+
+
+class SlowPointings:
+    """What slow noise is weighed against, and its courses at the pointings.
+
+    Each way is an instrument of its own: one axis is driven, the other stands still.
+
+    Args:
+        time: (n,) s.
+        turned: (2, n) what a turn of either axis moves along its way: the hour axis stars far from the pole more, the
+            declination axis those beyond it the other way.
+        on_sky: (n, p) whatever is smooth on the sky.
+    """
+
+    def __init__(self, time: Array, turned: Array, on_sky: Array) -> None:
+        self.passed = (time - time.min()) / max(float(np.ptp(time)), 1.0)
+        self._moved = [(np.ones(len(time)), own) for own in turned]
+        self._on_sky = on_sky / np.sqrt(np.mean(np.square(on_sky), axis=0))
+
+    def learn(
+        self,
+        way: int,
+        white: Array,
+        kept: NDArray[np.bool_],
+        angles: Array,
+        known: KnownEffects,
+        shown: Callable[[Columns], Array],
+    ) -> Array:
+        """(n, q) one standard deviation of each slow course along one way, in those of white noise; q = 0 for none.
+
+        It moves what is seen, or turns the axis, whichever is likelier. Something unknown that is smooth on the sky is
+        always there: it is uncertain, and takes no part.
+
+        Args:
+            way: 0 for that of the hour axis, 1 for that of the declination axis.
+            white: (n,) errors beside the causes found.
+            kept: (n,) pointings that are no outliers.
+            angles: (n, u) what one standard uncertainty of each angle of the geometry does.
+            known: effects beside the causes found.
+            shown: (n, p) of columns, along this way and beside white noise alone.
+        """
+        rows = (white * kept)[None]
+        uncertain = np.hstack([angles, float(np.linalg.norm(rows)) * self._on_sky, *known.sizes(shown)])
+        weight = max(
+            ((moved * kept)[None] for moved in self._moved[way]),
+            key=lambda weight: evidence_of_slow_noise(rows, weight, self.passed, uncertain),
+        )
+        std = learn_slow_noise(rows, weight, self.passed, uncertain, self._rivals(way), known.seen_by(shown))
+        return without_slow_courses(len(kept)) if std is None else weight.T * cosines(self.passed) * std
+
+    def _rivals(self, way: int) -> Iterator[Rivals]:
+        """What a mount may do with time: an axis, or all that is seen, drifts, swings or jumps."""
+        time = self.passed - self.passed.mean()
+        yield self._in_each_frame(way, [np.stack([time**k for k in range(1, POWERS + 1)], axis=1)])
+        turns = [np.pi * order * self.passed for order in range(1, WAVES + 1)]
+        yield self._in_each_frame(way, [np.stack([np.cos(turn), np.sin(turn)], axis=1) for turn in turns])
+        moments = np.sort(self.passed)[2:-1]
+        moments = moments[:: max(1, len(moments) // MOMENTS)]
+        jumps = [(self.passed >= moment)[:, None].astype(np.float64) for moment in moments]
+        yield self._in_each_frame(way, jumps)
+
+    def _in_each_frame(self, way: int, courses: Sequence[Array]) -> list[Array]:
+        return [moved[:, None] * course for course in courses for moved in self._moved[way]]
+
+
+def without_slow_courses(count: int) -> Array:
+    """(count, 0) of noise that is white."""
+    return np.zeros((count, 0))
+
+
+def whitening(courses: Array, kept: NDArray[np.bool_]) -> SlowNoise:
+    """The map that makes rows of one way white beside slow courses (n, q)."""
+    return SlowNoise(Cells(np.arange(len(kept)), kept.astype(np.float64)), courses)
+
+
+def are_alike(courses: Array, others: Array) -> bool:
+    """Whether slow noise is the same, to a part that changes nothing."""
+    return courses.shape == others.shape and np.allclose(courses, others, rtol=SAME, atol=0.0)
