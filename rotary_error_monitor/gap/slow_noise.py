@@ -271,7 +271,7 @@ class _Data:
     """
 
     def __init__(self, white: Array, weight: Array, uncertain: Array) -> None:
-        self._used = weight.reshape(-1, 1) > 0
+        self._used = weight.reshape(-1, 1) != 0
         self._uncertain = SlowNoise(Cells(np.arange(len(uncertain)), self._used[:, 0].astype(np.float64)), uncertain)
         self.rows = self.whitened(white.reshape(-1, 1))[:, 0]
 

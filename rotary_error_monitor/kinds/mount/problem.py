@@ -19,9 +19,9 @@ from scipy.optimize import least_squares
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import AnyEffect, Cause, Role
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.gap.departures import Departures
+from rotary_error_monitor.gap.departures import SHARE, Departures
 from rotary_error_monitor.gap.known_effects import KnownEffects
-from rotary_error_monitor.gap.problem import Candidate, Columns, Finding, Rows
+from rotary_error_monitor.gap.problem import Candidate, Columns, Finding, LateRows, Rows, SparseRows
 from rotary_error_monitor.gap.table import Shapes, TableProblem
 from rotary_error_monitor.kinds.mount.advice import mount_advice
 from rotary_error_monitor.kinds.mount.course import GROUP as TIME
@@ -134,8 +134,10 @@ class MountProblem(TableProblem[MountGeometry]):
         """Columns as they would be beside white noise alone; None where that is what they are."""
         if not any(courses.shape[1] for courses in self.slow):
             return None
-        assert isinstance(columns, dict)
-        return {c: slow.plain(columns[c]) for c, slow in zip(self.channels, self._slow_noise, strict=True)}
+        assert not isinstance(columns, LateRows)
+        rows = columns.rows if isinstance(columns, SparseRows) else columns
+        plain = {c: slow.plain(rows[c]) for c, slow in zip(self.channels, self._slow_noise, strict=True) if c in rows}
+        return replace(columns, rows=plain) if isinstance(columns, SparseRows) else plain
 
     def nuisance(self, causes: Sequence[Cause]) -> Rows:
         """White rows of one standard uncertainty of each angle of the geometry."""
@@ -354,9 +356,16 @@ class MountProblem(TableProblem[MountGeometry]):
         return std, slow
 
     def _shown_along(self, way: int, std: float, columns: Columns) -> Array:
-        """(n, p) of columns along one way, beside white noise alone of that level."""
-        assert isinstance(columns, dict)
-        return self._slow_noise[way].plain(columns[self.channels[way]]) * float(self.std[way] / std)
+        """(n, p) of columns along one way, beside white noise alone of that level.
+
+        What moves the tube along this way by less of what it does along the other than causes depart by shows there: it
+        goes with the errors themselves, since the ways are those at the star, and would describe them all.
+        """
+        plain = self.without_slow_noise(columns) or columns
+        assert isinstance(plain, dict)
+        sizes = [np.linalg.norm(plain[c], axis=0) * level for c, level in zip(self.channels, self.std, strict=True)]
+        shows = sizes[way] > SHARE * sizes[1 - way]
+        return plain[self.channels[way]] * (shows * float(self.std[way] / std))
 
     def _repeatability(self, causes: Sequence[Cause]) -> tuple[Array, NDArray[np.bool_]]:
         errors = self.error(causes).T
