@@ -32,7 +32,14 @@ from rotary_error_monitor.kinds.mount.modulations import mount_departures
 from rotary_error_monitor.kinds.mount.periods import AxisPeriods
 from rotary_error_monitor.kinds.mount.refraction import LOWEST
 from rotary_error_monitor.kinds.mount.sky import MOST_OUTLIERS, estimate_repeatability, sky_conditions, sky_patches
-from rotary_error_monitor.kinds.mount.slow_noise import SlowPointings, are_alike, whitening, without_slow_courses
+from rotary_error_monitor.kinds.mount.slow_noise import (
+    SAME_NOISE,
+    SlowPointings,
+    are_alike,
+    root_mean_square,
+    whitening,
+    without_slow_courses,
+)
 from rotary_error_monitor.kinds.mount.twin import FEWEST_POINTINGS, MountRecording, MountTwin
 from rotary_error_monitor.noise.slow_noise import SlowNoise
 from rotary_error_monitor.units import ARCSEC
@@ -46,12 +53,6 @@ ANOTHER_MOUNT = np.radians(3.0)
 BELOW = np.radians(-2.0)
 """Altitude without refraction below which no star is seen: the air lifts those at the horizon by 0.6°, from a high
 mountain it lies a degree and a half lower."""
-
-SAME_NOISE = 0.05
-"""Relative change of the noise that is not worth looking at all rows again."""
-
-MOST_ROUNDS = 4
-"""Times that level and slow part of the noise are told beside one another: as a rule the third changes nothing."""
 
 MOST_EVALUATIONS = 100
 """Evaluations of a fit of the geometry: 15 do as a rule, and beside a cause of no sensible size it has no end."""
@@ -99,13 +100,11 @@ class MountProblem(TableProblem[MountGeometry]):
         self.labels = np.repeat(conditions.labels, [len(patch) for patch in patches])
         self._check_altitudes()
         self._courses = TimeCourses(self.recording.time, self.twin.side)
-        poses = [shape for group, rows in self.shapes().items() if group.startswith("pose") for _, shape in rows]
+        poses = [shape for group, rows in self.shapes().items() if group != TIME for _, shape in rows]
         turned = np.stack([np.cos(self.recording.stars[:, 1]), self.twin.side])
         axes = zip(("hour angle", "declination"), self.recording.readings.T, turned, strict=True)
         self._periods = {name: AxisPeriods(position, moved, ORDERS) for name, position, moved in axes}
-        self._slow_pointings = SlowPointings(self.recording.time, turned, np.stack(poses, axis=1))
-        time = self.recording.time / max(float(np.ptp(self.recording.time)), 1.0)
-        self._places = np.column_stack([self.recording.readings, time])
+        self._slow_pointings = SlowPointings(self.recording, turned, np.stack(poses, axis=1), mount.noise)
         self._found_without: Array = np.zeros(6)
         still, std = np.zeros((2, len(self.labels))), np.full(2, mount.noise)
         super().__init__(self.twin.machine, conditions, still, std, effects, known)
@@ -253,11 +252,13 @@ class MountProblem(TableProblem[MountGeometry]):
 
     def remarks(self, rest: Rows) -> tuple[str, ...]:
         """Noise as found, and outliers that were left out."""
-        hour, declination = self.std * ARCSEC
+        hour, declination = self._noise * ARCSEC
+        slow = np.sqrt(np.square(self._noise) - np.square(self.std)) * ARCSEC
         words = f"neighbouring pointings differ by {hour:.1f}″ in hour angle and {declination:.1f}″ in declination: "
         lost = int(np.count_nonzero(~self.kept & ~self.twin.too_low))
         return (
             words + "that is taken for noise",
+            *([f"pointings one after the other share {slow[0]:.1f}″ and {slow[1]:.1f}″ of it"] if np.any(slow) else []),
             *([f"{self._low_in_words()}; they were left out"] if np.any(self.twin.too_low) else []),
             *([f"{lost} of {len(self.kept)} pointings are outliers and were left out"] if lost else []),
         )
@@ -281,7 +282,7 @@ class MountProblem(TableProblem[MountGeometry]):
             columns = np.concatenate([self._kept_rows(self._moved(causes)), *own], axis=1)
             added = (columns[:, 6:] @ sizes).reshape(2, -1)
             found["held_out_causes_arcsec"] = self._held_out(self.twin.error(geometry, causes) + added, columns)
-        found["noise_arcsec"] = float(np.hypot(*self.std) * ARCSEC)
+        found["noise_arcsec"] = float(np.hypot(*self._noise) * ARCSEC)
         names = ("hour_index", "declination_index", "orthogonality", "collimation", "polar_tilt_x", "polar_tilt_y")
         angles = np.array(geometry.as_tuple()) * ARCSEC
         return found | {f"{name}_arcsec": float(angle) for name, angle in zip(names, angles, strict=True)}
@@ -315,6 +316,11 @@ class MountProblem(TableProblem[MountGeometry]):
             self._found_without = found.x * uncertainty
         return self.mount.geometry.plus(tuple(float(value) for value in found.x * uncertainty))
 
+    @property
+    def _noise(self) -> Array:
+        """(2,) standard deviation of noise along each way, slow noise counted, rad."""
+        return np.asarray(self.std * np.hypot(1.0, [root_mean_square(own) for own in self.slow]), np.float64)
+
     @cached_property
     def _slow_noise(self) -> tuple[SlowNoise, ...]:
         return tuple(whitening(courses, self.kept) for courses in self.slow)
@@ -333,27 +339,12 @@ class MountProblem(TableProblem[MountGeometry]):
         std, kept = self._repeatability(causes)
         known, angles = KnownEffects(self, causes, self.residual(causes)), self._moved(causes)
         found = [
-            self._noise_along(way, errors, float(std[way]), kept, angles[way], known)
+            self._slow_pointings.noise_along(
+                way, errors, float(std[way]), kept, angles[way], known, partial(self._shown_along, way)
+            )
             for way, errors in enumerate(self.error(causes))
         ]
         return np.array([level for level, _ in found]), kept, tuple(slow for _, slow in found)
-
-    def _noise_along(
-        self, way: int, errors: Array, std: float, kept: NDArray[np.bool_], angles: Array, known: KnownEffects
-    ) -> tuple[float, Array]:
-        """The same along one way, where neighbours on the sky do not share `std`."""
-        for _ in range(MOST_ROUNDS):
-            shown = partial(self._shown_along, way, std)
-            slow = self._slow_pointings.learn(way, errors / std, kept, angles / std, known, shown)
-            if not slow.shape[1]:
-                break
-            # Neighbours on the sky share slow noise no more than white: without it they differ by less.
-            white = whitening(slow, kept).whiten((errors * kept)[:, None])
-            before, (std,) = std, estimate_repeatability(white[kept], self._places[kept])[0]
-            std = max(std, self.mount.noise)
-            if abs(std / before - 1) < SAME_NOISE:
-                break
-        return std, slow
 
     def _shown_along(self, way: int, std: float, columns: Columns) -> Array:
         """(n, p) of columns along one way, beside white noise alone of that level.
@@ -365,11 +356,11 @@ class MountProblem(TableProblem[MountGeometry]):
         assert isinstance(plain, dict)
         sizes = [np.linalg.norm(plain[c], axis=0) * level for c, level in zip(self.channels, self.std, strict=True)]
         shows = sizes[way] > SHARE * sizes[1 - way]
-        return plain[self.channels[way]] * (shows * float(self.std[way] / std))
+        return np.asarray(plain[self.channels[way]] * (shows * float(self.std[way] / std)), np.float64)
 
     def _repeatability(self, causes: Sequence[Cause]) -> tuple[Array, NDArray[np.bool_]]:
         errors = self.error(causes).T
-        on_sky, kept = estimate_repeatability(errors, self._places)
+        on_sky, kept = estimate_repeatability(errors, self._slow_pointings.places)
         kept &= ~self.twin.too_low
         return np.maximum(self._courses.noise(errors, on_sky, kept), self.mount.noise), kept
 

@@ -7,6 +7,7 @@ large as the noise; it is told from one as of a stage's or a machine's instrumen
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +15,20 @@ from numpy.typing import NDArray
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.gap.known_effects import KnownEffects
 from rotary_error_monitor.gap.problem import Columns
-from rotary_error_monitor.gap.slow_noise import Rivals, cosines, evidence_of_slow_noise, learn_slow_noise
+from rotary_error_monitor.gap.slow_noise import SIZES, Rivals, cosines, evidence_of_slow_noise, learn_slow_noise
 from rotary_error_monitor.kinds.mount.course import POWERS
+from rotary_error_monitor.kinds.mount.sky import estimate_repeatability, unshared
+from rotary_error_monitor.kinds.mount.twin import MountRecording
 from rotary_error_monitor.noise.slow_noise import Cells, SlowNoise
+
+LEAST_SLOW = float(SIZES[0])
+"""Size, in standard deviations of white noise, below which slow noise is none."""
+
+SAME_NOISE = 0.05
+"""Relative change of the noise that is not worth looking at all rows again."""
+
+MOST_ROUNDS = 4
+"""Times that level and slow part of the noise are told beside one another: as a rule the third changes nothing."""
 
 WAVES = 40
 """Half periods of the shortest wave over the recording that is looked for in the place of slow noise, as of a stage."""
@@ -34,18 +46,72 @@ class SlowPointings:
     Each way is an instrument of its own: one axis is driven, the other stands still.
 
     Args:
-        time: (n,) s.
+        recording: the pointings.
         turned: (2, n) what a turn of either axis moves along its way: the hour axis stars far from the pole more, the
             declination axis those beyond it the other way.
-        on_sky: (n, p) whatever is smooth on the sky.
+        on_sky: (n, p) whatever is smooth on the sky, or goes with the direction of travel.
+        least: standard deviation of a pointing, rad, that the mount has at least.
+
+    Attributes:
+        passed: (n,) part of the recording that has passed.
+        places: (n, 3) where neighbours are close to one another: readings, rad, and that part.
     """
 
-    def __init__(self, time: Array, turned: Array, on_sky: Array) -> None:
+    def __init__(self, recording: MountRecording, turned: Array, on_sky: Array, least: float) -> None:
+        time = recording.time
         self.passed = (time - time.min()) / max(float(np.ptp(time)), 1.0)
+        self.places = np.column_stack([recording.readings, self.passed])
+        self._least = least
         self._moved = [(np.ones(len(time)), own) for own in turned]
-        self._on_sky = on_sky / np.sqrt(np.mean(np.square(on_sky), axis=0))
+        self._on_sky = on_sky / np.maximum(np.sqrt(np.mean(np.square(on_sky), axis=0)), 1e-9)
 
-    def learn(
+    def noise_along(
+        self,
+        way: int,
+        errors: Array,
+        std: float,
+        kept: NDArray[np.bool_],
+        angles: Array,
+        known: KnownEffects,
+        shown: Callable[[float, Columns], Array],
+    ) -> tuple[float, Array]:
+        """Standard deviation of white noise along one way, rad, and (n, q) that of each slow course, in that.
+
+        Together they are no more than what neighbours on the sky do not share: what those share has a place there.
+
+        Args:
+            way: 0 for that of the hour axis, 1 for that of the declination axis.
+            errors: (n,) rad, beside the causes found.
+            std: of all noise, of which neighbours on the sky do not share so much, rad.
+            kept: (n,) pointings that are no outliers.
+            angles: (n, u) what one standard uncertainty of each angle of the geometry does, rad.
+            known: effects beside the causes found.
+            shown: from a standard deviation and columns (n, p) of these along this way, beside white noise of that.
+        """
+        white, none = std, without_slow_courses(len(kept))
+        for _ in range(MOST_ROUNDS):
+            slow = self._learn(way, errors / white, kept, angles / white, known, partial(shown, white))
+            if not slow.shape[1]:
+                return std, none
+            before, white = white, self._white_beside(slow, errors, kept)
+            if abs(white / before - 1) < SAME_NOISE:
+                break
+        apart = float(np.mean(np.square(unshared(errors[kept, None], self.places[kept]))))
+        alike = float(np.mean(np.sum(np.square(unshared(slow[kept], self.places[kept])), axis=1)))
+        while white**2 * (1 + alike) > apart * (1 + SAME_NOISE):
+            part = float(np.sqrt(max(apart / white**2 - 1, 0.0) / alike))
+            if part * root_mean_square(slow) < LEAST_SLOW:
+                return std, none
+            slow, alike = part * slow, part**2 * alike
+            white = max(white, self._white_beside(slow, errors, kept))
+        return white, slow
+
+    def _white_beside(self, slow: Array, errors: Array, kept: NDArray[np.bool_]) -> float:
+        """Noise along one way without its slow part: neighbours on the sky share that no more than what is white."""
+        white = whitening(slow, kept).whiten((errors * kept)[:, None])
+        return max(float(estimate_repeatability(white[kept], self.places[kept])[0][0]), self._least)
+
+    def _learn(
         self,
         way: int,
         white: Array,
@@ -58,14 +124,6 @@ class SlowPointings:
 
         It moves what is seen, or turns the axis, whichever is likelier. Something unknown that is smooth on the sky is
         always there: it is uncertain, and takes no part.
-
-        Args:
-            way: 0 for that of the hour axis, 1 for that of the declination axis.
-            white: (n,) errors beside the causes found.
-            kept: (n,) pointings that are no outliers.
-            angles: (n, u) what one standard uncertainty of each angle of the geometry does.
-            known: effects beside the causes found.
-            shown: (n, p) of columns, along this way and beside white noise alone.
         """
         rows = (white * kept)[None]
         uncertain = np.hstack([angles, float(np.linalg.norm(rows)) * self._on_sky, *known.sizes(shown)])
@@ -94,6 +152,11 @@ class SlowPointings:
 def without_slow_courses(count: int) -> Array:
     """(count, 0) of noise that is white."""
     return np.zeros((count, 0))
+
+
+def root_mean_square(courses: Array) -> float:
+    """Size of slow noise with courses (n, q), in standard deviations of the white noise."""
+    return float(np.sqrt(np.sum(np.square(courses)) / len(courses)))
 
 
 def whitening(courses: Array, kept: NDArray[np.bool_]) -> SlowNoise:
