@@ -138,8 +138,10 @@ class SlowPointings:
         """What a mount may do with time: an axis, or all that is seen, drifts, swings or jumps."""
         time = self.passed - self.passed.mean()
         yield self._in_each_frame(way, [np.stack([time**k for k in range(1, POWERS + 1)], axis=1)])
-        turns = [np.pi * order * self.passed for order in range(1, WAVES + 1)]
-        yield self._in_each_frame(way, [np.stack([np.cos(turn), np.sin(turn)], axis=1) for turn in turns])
+        # Swings whose amplitude or period changes steadily: none of any other period lies between two of them.
+        turns = [0.5 * np.pi * order * self.passed for order in range(2, 2 * WAVES + 1)]
+        swings = [np.stack([np.cos(turn), np.sin(turn)], axis=1) for turn in turns]
+        yield self._in_each_frame(way, [np.hstack([swing, time[:, None] * swing]) for swing in swings])
         moments = np.sort(self.passed)[2:-1]
         moments = moments[:: max(1, len(moments) // MOMENTS)]
         jumps = [(self.passed >= moment)[:, None].astype(np.float64) for moment in moments]
