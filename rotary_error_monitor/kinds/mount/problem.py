@@ -252,13 +252,14 @@ class MountProblem(TableProblem[MountGeometry]):
 
     def remarks(self, rest: Rows) -> tuple[str, ...]:
         """Noise as found, and outliers that were left out."""
-        hour, declination = self._noise * ARCSEC
-        slow = np.sqrt(np.square(self._noise) - np.square(self.std)) * ARCSEC
+        hour, declination = self.std * ARCSEC
+        slow = self.std * [root_mean_square(own) for own in self.slow] * ARCSEC
         words = f"neighbouring pointings differ by {hour:.1f}″ in hour angle and {declination:.1f}″ in declination: "
+        shared = f"{slow[0]:.1f}″ in hour angle and {slow[1]:.1f}″ in declination are shared"
         lost = int(np.count_nonzero(~self.kept & ~self.twin.too_low))
         return (
             words + "that is taken for noise",
-            *([f"pointings one after the other share {slow[0]:.1f}″ and {slow[1]:.1f}″ of it"] if np.any(slow) else []),
+            *([f"{shared} by pointings one after the other: that is noise as well"] if np.any(slow) else []),
             *([f"{self._low_in_words()}; they were left out"] if np.any(self.twin.too_low) else []),
             *([f"{lost} of {len(self.kept)} pointings are outliers and were left out"] if lost else []),
         )

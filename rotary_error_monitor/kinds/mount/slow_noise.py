@@ -135,13 +135,15 @@ class SlowPointings:
         return without_slow_courses(len(kept)) if std is None else weight.T * cosines(self.passed) * std
 
     def _rivals(self, way: int) -> Iterator[Rivals]:
-        """What a mount may do with time: an axis, or all that is seen, drifts, swings or jumps."""
+        """What a mount may do with time: an axis, or all that is seen, drifts, swings, settles or jumps."""
         time = self.passed - self.passed.mean()
         yield self._in_each_frame(way, [np.stack([time**k for k in range(1, POWERS + 1)], axis=1)])
         # Swings whose amplitude or period changes steadily: none of any other period lies between two of them.
         turns = [0.5 * np.pi * order * self.passed for order in range(2, 2 * WAVES + 1)]
         swings = [np.stack([np.cos(turn), np.sin(turn)], axis=1) for turn in turns]
         yield self._in_each_frame(way, [np.hstack([swing, time[:, None] * swing]) for swing in swings])
+        lasting = (np.exp(-self.passed / part) for part in 0.01 * 1.5 ** np.arange(12))
+        yield self._in_each_frame(way, [np.stack([left, self.passed * left], axis=1) for left in lasting])
         moments = np.sort(self.passed)[2:-1]
         moments = moments[:: max(1, len(moments) // MOMENTS)]
         jumps = [(self.passed >= moment)[:, None].astype(np.float64) for moment in moments]
