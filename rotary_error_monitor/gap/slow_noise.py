@@ -74,6 +74,7 @@ def learn_slow_noise(
     uncertain: Array,
     rivals: Iterable[Rivals],
     known: Iterable[KnownEffect] = (),
+    prior_of_unknown: float = PRIOR_OF_UNKNOWN,
 ) -> Array | None:
     """Slow noise that the components of one instrument show beside white noise, each a course of its own.
 
@@ -90,6 +91,7 @@ def learn_slow_noise(
         uncertain: (c n, u) one standard uncertainty of each parameter of the twin, components one after the other.
         rivals: what else there may be; looked at only where slow noise shows.
         known: effects, and causes that were found, that may depart; likewise.
+        prior_of_unknown: probability beforehand that something of each list in `rivals` is there.
 
     Returns:
         (q,) standard deviation of each of the `cosines`; None where none shows, or more than an instrument has.
@@ -105,7 +107,8 @@ def learn_slow_noise(
         return None
     others: list[Callable[[], Iterable[_Explanation]]] = []
     # Which of them is likelier beside it is asked only where none is in its place: that takes longer.
-    for explanation in _in_its_place(data, found, likely, _and_steps(rivals, weight), known, count, others):
+    unknown = _and_steps(rivals, weight), prior_of_unknown
+    for explanation in _in_its_place(data, found, likely, *unknown, known, count, others):
         if explanation.log_evidence > likely:
             return None
     for explanation in itertools.chain.from_iterable(make() for make in others):
@@ -165,6 +168,7 @@ def _in_its_place(
     found: Sequence[_Spectrum],
     likely: float,
     rivals: Iterable[Rivals],
+    prior_of_unknown: float,
     known: Iterable[KnownEffect],
     count: int,
     others: list[Callable[[], Iterable[_Explanation]]],
@@ -177,7 +181,7 @@ def _in_its_place(
     departing: list[tuple[KnownEffect, Array, _Explanation]] = []
     for alike in rivals:
         for columns in _of_one_width(alike):
-            log_prior = float(np.log(PRIOR_OF_UNKNOWN / len(alike)))
+            log_prior = float(np.log(prior_of_unknown / len(alike)))
             explained = _Columns.of(data, data.whitened(columns), count)
             others.append(partial(explained.explanations, found, log_prior))
             yield _Explanation(log_prior, None, explained.alone)

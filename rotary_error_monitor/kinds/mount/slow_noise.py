@@ -30,6 +30,9 @@ SAME_NOISE = 0.05
 MOST_ROUNDS = 4
 """Times that level and slow part of the noise are told beside one another: as a rule the third changes nothing."""
 
+ALWAYS = 1.0
+"""Probability that something unknown is at work in a mount beside the known effects (`MountProblem.m_open`)."""
+
 WAVES = 40
 """Half periods of the shortest wave over the recording that is looked for in the place of slow noise, as of a stage."""
 
@@ -131,7 +134,8 @@ class SlowPointings:
             ((moved * kept)[None] for moved in self._moved[way]),
             key=lambda weight: evidence_of_slow_noise(rows, weight, self.passed, uncertain),
         )
-        std = learn_slow_noise(rows, weight, self.passed, uncertain, self._rivals(way), known.seen_by(shown))
+        arguments = rows, weight, self.passed, uncertain, self._rivals(way), known.seen_by(shown)
+        std = learn_slow_noise(*arguments, prior_of_unknown=ALWAYS)
         return without_slow_courses(len(kept)) if std is None else weight.T * cosines(self.passed) * std
 
     def _rivals(self, way: int) -> Iterator[Rivals]:
