@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.gap.orders import trials_of_waves
 from rotary_error_monitor.gap.problem import Finding
+from rotary_error_monitor.gap.structure import HIGHEST_LEVEL
 
 MOST_TEETH = 720
 """Highest order that is looked for, a period of half a degree: that of the largest worm wheels."""
@@ -43,13 +44,18 @@ class AxisPeriods:
         self._independent = max(float((self._orders[-1] - self._orders[0]) * evenly), 1.0)
 
     def finding(self, white: Array, kept: NDArray[np.bool_], channel: str, axis: str) -> Finding:
-        """The wave that explains most of white rows (n,) of one channel."""
+        """The wave that explains most of white rows (n,) of one channel.
+
+        What else is left raises all waves alike, since pointings lie unevenly: one stands out of that, be it noise or
+        up to four times as much (`HIGHEST_LEVEL`).
+        """
         squares = self.spectrum(white, kept)
-        best = int(np.argmax(squares))
-        half = 0.5 * float(squares[best])
+        best, count = int(np.argmax(squares)), max(int(np.count_nonzero(kept)) - 2, 1)
+        whole = float(np.sum(np.square(white[kept])))
+        half = _misfit(whole, count) - _misfit(max(whole - float(squares[best]), 0.0), count)
         chance = float(np.log(trials_of_waves(self._independent, -half))) - half
         pattern = f"pose, {axis}: period of {360 / self._orders[best]:.3g}°"
-        return Finding(channel, "period", min(0.0, chance), max(0.0, 2 * half - 2), pattern)
+        return Finding(channel, "period", min(0.0, chance), max(0.0, float(squares[best]) - 2), pattern)
 
     def spectrum(self, white: Array, kept: NDArray[np.bool_]) -> Array:
         """Squares that each order explains of white rows (n,), taken alone: chi-square of two dof under noise."""
@@ -72,3 +78,9 @@ class AxisPeriods:
         steps = (self._orders[::fine] - self._orders[0])[:, None] * self._position
         far = np.exp(-1j * times * steps) * rows
         return np.asarray((far @ near).ravel()[:count], np.complex128)
+
+
+def _misfit(squares: float, count: int) -> float:
+    """Minus log likelihood of so many rows with these squares, whose level lies between 1 and `HIGHEST_LEVEL`."""
+    level = float(np.clip(squares / count, 1.0, HIGHEST_LEVEL))
+    return 0.5 * (squares / level + count * float(np.log(level)))
