@@ -53,8 +53,12 @@ def simulate_pointings(
     geometry: tuple[float, ...] = USUAL_GEOMETRY,
     turn: Turn | None = None,
     noise: float = 5e-5,
+    kept: float = 0.0,
 ) -> Pointings:
-    """The stars that a mount with this geometry and fault finds at random readings, on both sides of the pier."""
+    """The stars that a mount with this geometry and fault finds at random readings, on both sides of the pier.
+
+    Of the noise of a pointing the next one has the part `kept`.
+    """
     rng = np.random.default_rng(seed)
     index_h, index_d, orthogonality, collimation, tilt_x, tilt_y = geometry
     other = rng.random(count) < 0.5
@@ -76,9 +80,16 @@ def simulate_pointings(
     )
     tube = pose.tube if turn is None else Rotation.from_rotvec(turn(pose)).apply(pose.tube)
     stars = np.column_stack([np.arctan2(-tube[:, 1], tube[:, 0]), np.arcsin(tube[:, 2])])
-    stars[:, 0] += noise * rng.normal(size=count) / np.cos(stars[:, 1])
-    stars[:, 1] += noise * rng.normal(size=count)
+    stars[:, 0] += noise * _following(rng.normal(size=count), kept) / np.cos(stars[:, 1])
+    stars[:, 1] += noise * _following(rng.normal(size=count), kept)
     return Pointings(stars, readings, sidereal)
+
+
+def _following(noise: Array, kept: float) -> Array:
+    """Noise (n,) of the same variance of which each has a part of the one before."""
+    for i in range(1, len(noise) if kept else 0):
+        noise[i] = kept * noise[i - 1] + np.sqrt(1 - kept**2) * noise[i]
+    return noise
 
 
 def pointing_file(pointings: Pointings, pressure: float = 0.0) -> str:

@@ -74,6 +74,7 @@ def learn_slow_noise(
     uncertain: Array,
     rivals: Iterable[Rivals],
     known: Iterable[KnownEffect] = (),
+    prior_of_unknown: float = PRIOR_OF_UNKNOWN,
 ) -> Array | None:
     """Slow noise that the components of one instrument show beside white noise, each a course of its own.
 
@@ -90,25 +91,24 @@ def learn_slow_noise(
         uncertain: (c n, u) one standard uncertainty of each parameter of the twin, components one after the other.
         rivals: what else there may be; looked at only where slow noise shows.
         known: effects, and causes that were found, that may depart; likewise.
+        prior_of_unknown: probability beforehand that something of each list in `rivals` is there.
 
     Returns:
         (q,) standard deviation of each of the `cosines`; None where none shows, or more than an instrument has.
     """
-    waves = cosines(passed)
-    count = int(np.count_nonzero(weight.any(axis=0)))
-    if count < 2 * waves.shape[1]:
-        return None
     data = _Data(white, weight, uncertain)
-    courses = data.whitened(in_all(waves, weight))
-    gram = courses.T @ courses
-    found = [_Spectrum.of(data, courses, gram, len(white), fall) for fall in FALLS]
+    found = _spectra(data, weight, passed)
+    if not found:
+        return None
+    count = int(np.count_nonzero(weight.any(axis=0)))
     best = _Explanation(0.0, np.stack([spectrum.log_evidence for spectrum in found]))
     likely = best.log_evidence
     if likely <= 0:
         return None
     others: list[Callable[[], Iterable[_Explanation]]] = []
     # Which of them is likelier beside it is asked only where none is in its place: that takes longer.
-    for explanation in _in_its_place(data, found, likely, _and_steps(rivals, weight), known, count, others):
+    unknown = _and_steps(rivals, weight), prior_of_unknown
+    for explanation in _in_its_place(data, found, likely, *unknown, known, count, others):
         if explanation.log_evidence > likely:
             return None
     for explanation in itertools.chain.from_iterable(make() for make in others):
@@ -122,6 +122,25 @@ def learn_slow_noise(
     if float(data.rows @ data.rows) - taken > UNDESCRIBED * np.count_nonzero(weight):
         return None
     return np.asarray(SIZES[size] * found[law].shape, np.float64)
+
+
+def evidence_of_slow_noise(white: Array, weight: Array, passed: Array, uncertain: Array) -> float:
+    """Log marginal likelihood of slow noise over that of none, whatever else may be there; arguments as above.
+
+    Of several ways in which a course may add to the samples it tells the likeliest.
+    """
+    found = _spectra(_Data(white, weight, uncertain), weight, passed)
+    return float(_log_sum(np.stack([spectrum.log_evidence for spectrum in found]))) if found else -np.inf
+
+
+def _spectra(data: _Data, weight: Array, passed: Array) -> list[_Spectrum]:
+    """Slow noise by each law; none of fewer samples than two for each cosine."""
+    waves = cosines(passed)
+    if np.count_nonzero(weight.any(axis=0)) < 2 * waves.shape[1]:
+        return []
+    courses = data.whitened(in_all(waves, weight))
+    gram = courses.T @ courses
+    return [_Spectrum.of(data, courses, gram, len(weight), fall) for fall in FALLS]
 
 
 @dataclass(frozen=True)
@@ -149,6 +168,7 @@ def _in_its_place(
     found: Sequence[_Spectrum],
     likely: float,
     rivals: Iterable[Rivals],
+    prior_of_unknown: float,
     known: Iterable[KnownEffect],
     count: int,
     others: list[Callable[[], Iterable[_Explanation]]],
@@ -161,7 +181,7 @@ def _in_its_place(
     departing: list[tuple[KnownEffect, Array, _Explanation]] = []
     for alike in rivals:
         for columns in _of_one_width(alike):
-            log_prior = float(np.log(PRIOR_OF_UNKNOWN / len(alike)))
+            log_prior = float(np.log(prior_of_unknown / len(alike)))
             explained = _Columns.of(data, data.whitened(columns), count)
             others.append(partial(explained.explanations, found, log_prior))
             yield _Explanation(log_prior, None, explained.alone)
@@ -255,7 +275,7 @@ class _Data:
     """
 
     def __init__(self, white: Array, weight: Array, uncertain: Array) -> None:
-        self._used = weight.reshape(-1, 1) > 0
+        self._used = weight.reshape(-1, 1) != 0
         self._uncertain = SlowNoise(Cells(np.arange(len(uncertain)), self._used[:, 0].astype(np.float64)), uncertain)
         self.rows = self.whitened(white.reshape(-1, 1))[:, 0]
 

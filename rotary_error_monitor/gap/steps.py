@@ -65,8 +65,8 @@ class Selection:
 
     @property
     def null(self) -> Step:
-        """No cause at all."""
-        return self.steps[0]
+        """No cause at all, the last time: a cause that came may have gone again beside noise that it told better."""
+        return next(step for step in reversed(self.steps) if not step.fit.causes)
 
     @property
     def chosen(self) -> Step:

@@ -163,7 +163,7 @@ class TableProblem(ABC, Generic[State]):
     def findings(self, rest: Rows, shapes: Shapes) -> list[Finding]:
         """The same of some groups of shapes."""
         findings = []
-        for channel in self.channels:
+        for channel in (channel for channel in self.channels if channel in rest):
             white = rest[channel][:, 0]
             for group, rows in shapes.items():
                 names, table = [name for name, _ in rows], _stacked(rows) * self.kept[:, None]

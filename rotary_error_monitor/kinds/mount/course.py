@@ -16,6 +16,7 @@ from rotary_error_monitor.gap.p_values import chi_square_median, log_chi_square_
 from rotary_error_monitor.gap.problem import Finding
 from rotary_error_monitor.gap.structure import HIGHEST_LEVEL
 from rotary_error_monitor.kinds.mount.sky import OVER_TIME, estimate_repeatability
+from rotary_error_monitor.noise.slow_noise import SlowNoise
 
 POWERS = 3
 """Of time, from a steady drift to one that turns back twice; half waves hold what is faster."""
@@ -46,12 +47,12 @@ class TimeCourses:
         self.names = [words for words, _ in told]
         self.shapes = np.stack([course for _, course in told], axis=1)
 
-    def findings(self, white: Array, kept: NDArray[np.bool_], channel: str) -> Finding:
+    def findings(self, white: Array, kept: NDArray[np.bool_], channel: str, slow: SlowNoise | None = None) -> Finding:
         """The course that explains most of white rows (n,), beside coloured noise as loud as most courses are.
 
         Noise that is coloured raises all slow courses alike; what stands out of them is none (`HIGHEST_LEVEL`).
         """
-        table = self.shapes * kept[:, None]
+        table = (self.shapes if slow is None else slow.whiten(self.shapes)) * kept[:, None]
         table = table - kept[:, None] * table.sum(axis=0) / kept.sum()
         power = np.sum(np.square(table), axis=0)
         gains = np.where(power > 1e-9, np.square(table.T @ white) / np.maximum(power, 1e-9), 0.0)

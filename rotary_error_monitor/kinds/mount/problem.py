@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property, partial
 from types import MappingProxyType
 
 import numpy as np
@@ -17,8 +19,9 @@ from scipy.optimize import least_squares
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import AnyEffect, Cause, Role
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.gap.departures import Departures
-from rotary_error_monitor.gap.problem import Candidate, Finding, Rows
+from rotary_error_monitor.gap.departures import SHARE, Departures
+from rotary_error_monitor.gap.known_effects import KnownEffects
+from rotary_error_monitor.gap.problem import Candidate, Columns, Finding, LateRows, Rows, SparseRows
 from rotary_error_monitor.gap.table import Shapes, TableProblem
 from rotary_error_monitor.kinds.mount.advice import mount_advice
 from rotary_error_monitor.kinds.mount.course import GROUP as TIME
@@ -26,9 +29,19 @@ from rotary_error_monitor.kinds.mount.course import POWERS, TimeCourses
 from rotary_error_monitor.kinds.mount.description import MountDescription, MountGeometry
 from rotary_error_monitor.kinds.mount.effects import MountEffect
 from rotary_error_monitor.kinds.mount.modulations import mount_departures
+from rotary_error_monitor.kinds.mount.periods import AxisPeriods
 from rotary_error_monitor.kinds.mount.refraction import LOWEST
 from rotary_error_monitor.kinds.mount.sky import MOST_OUTLIERS, estimate_repeatability, sky_conditions, sky_patches
+from rotary_error_monitor.kinds.mount.slow_noise import (
+    SAME_NOISE,
+    SlowPointings,
+    are_alike,
+    root_mean_square,
+    whitening,
+    without_slow_courses,
+)
 from rotary_error_monitor.kinds.mount.twin import FEWEST_POINTINGS, MountRecording, MountTwin
+from rotary_error_monitor.noise.slow_noise import SlowNoise
 from rotary_error_monitor.units import ARCSEC
 
 ORDERS = 4
@@ -40,9 +53,6 @@ ANOTHER_MOUNT = np.radians(3.0)
 BELOW = np.radians(-2.0)
 """Altitude without refraction below which no star is seen: the air lifts those at the horizon by 0.6°, from a high
 mountain it lies a degree and a half lower."""
-
-SAME_NOISE = 0.05
-"""Relative change of the noise that is not worth looking at all rows again."""
 
 MOST_EVALUATIONS = 100
 """Evaluations of a fit of the geometry: 15 do as a rule, and beside a cause of no sensible size it has no end."""
@@ -68,6 +78,7 @@ class MountProblem(TableProblem[MountGeometry]):
         labels: (n,) number of the group of patches that a pointing is left out with.
         std: (2,) noise of a pointing along each way, rad.
         kept: (n,) pointings that are no outliers.
+        slow: for each way (n, q) one standard deviation of each slow course of the noise, in that of `std`.
     """
 
     names = MappingProxyType({"hour": "/mount/pointing.hour_angle", "declination": "/mount/pointing.declination"})
@@ -89,10 +100,16 @@ class MountProblem(TableProblem[MountGeometry]):
         self.labels = np.repeat(conditions.labels, [len(patch) for patch in patches])
         self._check_altitudes()
         self._courses = TimeCourses(self.recording.time, self.twin.side)
+        poses = [shape for group, rows in self.shapes().items() if group != TIME for _, shape in rows]
+        turned = np.stack([np.cos(self.recording.stars[:, 1]), self.twin.side])
+        axes = zip(("hour angle", "declination"), self.recording.readings.T, turned, strict=True)
+        self._periods = {name: AxisPeriods(position, moved, ORDERS) for name, position, moved in axes}
+        self._slow_pointings = SlowPointings(self.recording, turned, np.stack(poses, axis=1), mount.noise)
         self._found_without: Array = np.zeros(6)
         still, std = np.zeros((2, len(self.labels))), np.full(2, mount.noise)
         super().__init__(self.twin.machine, conditions, still, std, effects, known)
-        self._learn(*self._repeatability(()))
+        self.slow: tuple[Array, ...] = (without_slow_courses(len(self.labels)),) * 2
+        self._learn(*self._repeatability(()), self.slow)
 
     def predict(self, state: MountGeometry, causes: Sequence[Cause]) -> Array:
         """(2, n) pointing minus star, rad, with this geometry."""
@@ -100,18 +117,39 @@ class MountProblem(TableProblem[MountGeometry]):
 
     def departures(self, causes: Sequence[Cause]) -> tuple[Departures, ...]:
         """Ways in which each cause may depart from its textbook form."""
-        units = dict(zip(self.channels, map(float, self.std), strict=True))
-        own = [self.signature(cause, cause.effect.indices(Role.LINEAR), causes) for cause in causes]
-        return tuple(mount_departures(self.twin, i, causes[i], own[i], units) for i in range(len(causes)))
+        units, found = dict(zip(self.channels, map(float, self.std), strict=True)), []
+        for i, cause in enumerate(causes):
+            # What is modulated is what the cause does, not what slow noise leaves to be seen of it.
+            own = super().white(self.derivative(cause, cause.effect.indices(Role.LINEAR), causes))
+            plain = mount_departures(self.twin, i, cause, own, units)
+            found.append(replace(plain, columns=self._beside_slow_noise(plain.columns)))
+        return tuple(found)
+
+    def white(self, values: Array) -> Rows:
+        """White rows (n, p) of values (2, n, p): slow noise as well."""
+        return self._beside_slow_noise(super().white(values))
+
+    def without_slow_noise(self, columns: Columns) -> Columns | None:
+        """Columns as they would be beside white noise alone; None where that is what they are."""
+        if not any(courses.shape[1] for courses in self.slow):
+            return None
+        assert not isinstance(columns, LateRows)
+        rows = columns.rows if isinstance(columns, SparseRows) else columns
+        plain = {c: slow.plain(rows[c]) for c, slow in zip(self.channels, self._slow_noise, strict=True) if c in rows}
+        return replace(columns, rows=plain) if isinstance(columns, SparseRows) else plain
 
     def nuisance(self, causes: Sequence[Cause]) -> Rows:
         """White rows of one standard uncertainty of each angle of the geometry."""
+        return self.white(self._moved(causes))
+
+    def _moved(self, causes: Sequence[Cause]) -> Array:
+        """(2, n, 6) change of the prediction by one standard uncertainty of each angle of the geometry, rad."""
         geometry, uncertainty = self.settled(causes), self.mount.geometry_uncertainty()
         base, columns = self.twin.error(geometry, causes), []
         for step, size in zip(_GEOMETRY_STEP * np.eye(6), uncertainty, strict=True):
             moved = self.twin.error(geometry.plus(tuple(step)), causes)
             columns.append((base - moved) * (size / _GEOMETRY_STEP))
-        return self.white(np.stack(columns, axis=2))
+        return np.stack(columns, axis=2)
 
     def candidates_of(self, effect: AnyEffect) -> Iterator[Candidate]:
         """One effect at every place, harmonics at every order."""
@@ -161,17 +199,26 @@ class MountProblem(TableProblem[MountGeometry]):
         }
 
     def structure(self, rest: Rows) -> list[Finding]:
-        """Tests of every shape, and of courses in time."""
-        shapes = {group: rows for group, rows in self.shapes().items() if group != TIME}
-        over_time = [self._courses.findings(rest[channel][:, 0], self.kept, channel) for channel in self.channels]
-        return [*self.findings(rest, shapes), *over_time]
+        """Tests of every shape, of courses in time, and of short periods of each axis along its way."""
+        found = []
+        for channel, slow in zip(self.channels, self._slow_noise, strict=True):
+            for group, rows in self.shapes().items():
+                if group != TIME:
+                    seen = slow.whiten(np.stack([shape for _, shape in rows], axis=1))
+                    white = {group: [(name, seen[:, i]) for i, (name, _) in enumerate(rows)]}
+                    found += self.findings({channel: rest[channel]}, white)
+            found.append(self._courses.findings(rest[channel][:, 0], self.kept, channel, slow))
+        for channel, (words, periods) in zip(self.channels, self._periods.items(), strict=True):
+            found.append(periods.finding(rest[channel][:, 0], self.kept, channel, words))
+        return found
 
     def learn_noise(self, causes: Sequence[Cause]) -> bool:
         """Estimate again how well the mount repeats, the causes taken out; whether the rows have changed by it."""
-        std, kept = self._repeatability(causes)
-        if np.all(np.abs(std / self.std - 1) < SAME_NOISE) and np.array_equal(kept, self.kept):
+        std, kept, slow = self._noise_beside(causes)
+        same = np.all(np.abs(std / self.std - 1) < SAME_NOISE) and all(map(are_alike, slow, self.slow))
+        if same and np.array_equal(kept, self.kept):
             return False
-        self._learn(std, kept)
+        self._learn(std, kept, slow)
         return True
 
     def check_plausible(self) -> None:
@@ -189,14 +236,14 @@ class MountProblem(TableProblem[MountGeometry]):
 
     def shown(self, causes: Sequence[Cause]) -> Array:
         """(2, n) what the causes do to the pointing beyond what geometry can do, rad."""
-        geometry, table = self.settled(causes), self.raw(self.nuisance(causes))
+        geometry, table = self.settled(causes), self._kept_rows(self._moved(causes))
         rows = np.concatenate(list(self.twin.error(geometry) - self.twin.error(geometry, causes)))
         fitted, *_ = np.linalg.lstsq(table, rows, rcond=None)
         return np.asarray((rows - table @ fitted).reshape(2, -1), np.float64)
 
-    def raw(self, rows: Rows) -> Array:
-        """(2 n, p) both ways of white rows one after the other, rad."""
-        return np.concatenate([rows[c] * std for c, std in zip(self.channels, self.std, strict=True)])
+    def _kept_rows(self, values: Array) -> Array:
+        """(2 n, p) both ways of values (2, n, p), rad, one after the other; 0 for outliers."""
+        return np.concatenate(list(values * self.kept[:, None]))
 
     def advice(self, keys: Sequence[tuple[str, str]], causes: Sequence[Cause]) -> str:
         """Pointings that would tell effects apart."""
@@ -206,10 +253,13 @@ class MountProblem(TableProblem[MountGeometry]):
     def remarks(self, rest: Rows) -> tuple[str, ...]:
         """Noise as found, and outliers that were left out."""
         hour, declination = self.std * ARCSEC
+        slow = self.std * [root_mean_square(own) for own in self.slow] * ARCSEC
         words = f"neighbouring pointings differ by {hour:.1f}″ in hour angle and {declination:.1f}″ in declination: "
+        shared = f"{slow[0]:.1f}″ in hour angle and {slow[1]:.1f}″ in declination are shared"
         lost = int(np.count_nonzero(~self.kept & ~self.twin.too_low))
         return (
             words + "that is taken for noise",
+            *([f"{shared} by pointings one after the other: that is noise as well"] if np.any(slow) else []),
             *([f"{self._low_in_words()}; they were left out"] if np.any(self.twin.too_low) else []),
             *([f"{lost} of {len(self.kept)} pointings are outliers and were left out"] if lost else []),
         )
@@ -220,7 +270,7 @@ class MountProblem(TableProblem[MountGeometry]):
         With indices only, all of the geometry, and the causes too. Sums of squares of both ways, as pointing analysis
         gives its `sky RMS`; outliers are left out.
         """
-        plain, geometry = self.raw(self.nuisance(())), self.settled(causes)
+        plain, geometry = self._kept_rows(self._moved(())), self.settled(causes)
         indices = self.mount.geometry.plus((*self.settled(()).as_tuple()[:2], 0.0, 0.0, 0.0, 0.0))
         found = {
             "held_out_indices_arcsec": self._held_out(self.twin.error(indices), plain[:, :2]),
@@ -228,12 +278,12 @@ class MountProblem(TableProblem[MountGeometry]):
         }
         if causes:
             linear = [cause.effect.indices(Role.LINEAR) for cause in causes]
-            own = [self.raw(self.signature(c, i, causes)) for c, i in zip(causes, linear, strict=True)]
+            own = [self._kept_rows(self.derivative(c, i, causes)) for c, i in zip(causes, linear, strict=True)]
             sizes = np.concatenate([cause.values[i] for cause, i in zip(causes, linear, strict=True)])
-            columns = np.concatenate([self.raw(self.nuisance(causes)), *own], axis=1)
+            columns = np.concatenate([self._kept_rows(self._moved(causes)), *own], axis=1)
             added = (columns[:, 6:] @ sizes).reshape(2, -1)
             found["held_out_causes_arcsec"] = self._held_out(self.twin.error(geometry, causes) + added, columns)
-        found["noise_arcsec"] = float(np.hypot(*self.std) * ARCSEC)
+        found["noise_arcsec"] = float(np.hypot(*self._noise) * ARCSEC)
         names = ("hour_index", "declination_index", "orthogonality", "collimation", "polar_tilt_x", "polar_tilt_y")
         angles = np.array(geometry.as_tuple()) * ARCSEC
         return found | {f"{name}_arcsec": float(angle) for name, angle in zip(names, angles, strict=True)}
@@ -258,8 +308,8 @@ class MountProblem(TableProblem[MountGeometry]):
 
         def misfit(moved: Array) -> Array:
             geometry = self.mount.geometry.plus(tuple(moved * uncertainty))
-            white = self.twin.error(geometry, causes) / self.std[:, None] * self.kept
-            return np.concatenate([white.ravel(), moved])
+            white = self.white(self.twin.error(geometry, causes)[:, :, None])
+            return np.concatenate([*(white[channel][:, 0] for channel in self.channels), moved])
 
         start = self._found_without / uncertainty
         found = least_squares(misfit, start, x_scale="jac", method="lm", max_nfev=MOST_EVALUATIONS)
@@ -267,15 +317,51 @@ class MountProblem(TableProblem[MountGeometry]):
             self._found_without = found.x * uncertainty
         return self.mount.geometry.plus(tuple(float(value) for value in found.x * uncertainty))
 
-    def _learn(self, std: Array, kept: NDArray[np.bool_]) -> None:
-        self.std, self.kept = std, kept
+    @property
+    def _noise(self) -> Array:
+        """(2,) standard deviation of noise along each way, slow noise counted, rad."""
+        return np.asarray(self.std * np.hypot(1.0, [root_mean_square(own) for own in self.slow]), np.float64)
+
+    @cached_property
+    def _slow_noise(self) -> tuple[SlowNoise, ...]:
+        return tuple(whitening(courses, self.kept) for courses in self.slow)
+
+    def _beside_slow_noise(self, columns: Columns) -> Rows:
+        assert isinstance(columns, dict)
+        return {c: slow.whiten(columns[c]) for c, slow in zip(self.channels, self._slow_noise, strict=True)}
+
+    def _learn(self, std: Array, kept: NDArray[np.bool_], slow: tuple[Array, ...]) -> None:
+        self.std, self.kept, self.slow = std, kept, slow
+        self.__dict__.pop("_slow_noise", None)
         self._settled.clear()
 
+    def _noise_beside(self, causes: Sequence[Cause]) -> tuple[Array, NDArray[np.bool_], tuple[Array, ...]]:
+        """Noise (2,) of a pointing along each way, rad, pointings (n,) that are kept, and slow noise beside that."""
+        std, kept = self._repeatability(causes)
+        known, angles = KnownEffects(self, causes, self.residual(causes)), self._moved(causes)
+        found = [
+            self._slow_pointings.noise_along(
+                way, errors, float(std[way]), kept, angles[way], known, partial(self._shown_along, way)
+            )
+            for way, errors in enumerate(self.error(causes))
+        ]
+        return np.array([level for level, _ in found]), kept, tuple(slow for _, slow in found)
+
+    def _shown_along(self, way: int, std: float, columns: Columns) -> Array:
+        """(n, p) of columns along one way, beside white noise alone of that level.
+
+        What moves the tube along this way by less of what it does along the other than causes depart by shows there: it
+        goes with the errors themselves, since the ways are those at the star, and would describe them all.
+        """
+        plain = self.without_slow_noise(columns) or columns
+        assert isinstance(plain, dict)
+        sizes = [np.linalg.norm(plain[c], axis=0) * level for c, level in zip(self.channels, self.std, strict=True)]
+        shows = sizes[way] > SHARE * sizes[1 - way]
+        return np.asarray(plain[self.channels[way]] * (shows * float(self.std[way] / std)), np.float64)
+
     def _repeatability(self, causes: Sequence[Cause]) -> tuple[Array, NDArray[np.bool_]]:
-        time = self.recording.time / max(float(np.ptp(self.recording.time)), 1.0)
-        places = np.column_stack([self.recording.readings, time])
         errors = self.error(causes).T
-        on_sky, kept = estimate_repeatability(errors, places)
+        on_sky, kept = estimate_repeatability(errors, self._slow_pointings.places)
         kept &= ~self.twin.too_low
         return np.maximum(self._courses.noise(errors, on_sky, kept), self.mount.noise), kept
 

@@ -80,6 +80,13 @@ def estimate_repeatability(errors: Array, places: Array) -> tuple[Array, NDArray
     return np.sqrt(np.mean(np.square(alone[kept]), axis=0)), kept
 
 
+def unshared(columns: Array, places: Array) -> Array:
+    """(n, q) what neighbours do not share of columns (n, q), scaled to be as loud as they are of white noise."""
+    neighbours, weights = neighbourhood(places)
+    predicted = np.einsum("nm,nmq->nq", weights, columns[neighbours])
+    return np.asarray((columns - predicted) / np.sqrt(1 + np.sum(np.square(weights), axis=1))[:, None], np.float64)
+
+
 def _split(readings: Array, rows: NDArray[np.intp], parts: int) -> list[NDArray[np.intp]]:
     if parts == 1:
         return [rows]

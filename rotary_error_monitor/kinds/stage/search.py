@@ -20,7 +20,7 @@ from rotary_error_monitor.effects.effect import AnyEffect, Searched, order_locat
 from rotary_error_monitor.effects.rotor import StageEffect, effects_of, is_among
 from rotary_error_monitor.gap.departures import SHARE
 from rotary_error_monitor.gap.options import FALSE_ALARMS
-from rotary_error_monitor.gap.orders import order_spectrum
+from rotary_error_monitor.gap.orders import order_spectrum, trials_of_waves
 from rotary_error_monitor.gap.problem import Candidate, Rows
 from rotary_error_monitor.metrology.periodic_curves import doubted_orders
 from rotary_error_monitor.sensors.library import COMMAND, instrument_of, is_listed, kind_of
@@ -152,7 +152,7 @@ class StageSearch:
         order, independent = find_wave(angle, rows)
         start = effect.start("")
         start[effect.slices()["order"]] = order
-        alarming = 0.5 * FALSE_ALARMS / (independent * len(self._problem.effects))
+        alarming = float(np.log(0.5 * FALSE_ALARMS / (independent * len(self._problem.effects))))
         return [Candidate(effect, "", start, -float(np.log(trials_of_waves(independent, alarming))))]
 
 
@@ -169,20 +169,6 @@ def find_step(time: Array, rows: Array) -> float:
     inner = slice(max(1, count // 200), count - max(1, count // 200))
     index = int(np.argmax(gain[inner])) + inner.start
     return float(0.5 * (time[index - 1] + time[index]))
-
-
-def trials_of_waves(independent: int, level: float) -> float:
-    """How many independent waves have one above a level as often as the best of all between as many has.
-
-    An order between two independent ones may explain more than both: `sqrt(pi z / 3)` times as many chances where the
-    one wave explains `2 z` squares by chance at that level (Davies, Biometrika 74, 1987; Baluev, MNRAS 385, 2008,
-    Equation 6, for samples spread evenly).
-
-    Args:
-        independent: waves that are orthogonal over the rotation.
-        level: chance of one of them.
-    """
-    return independent * float(np.sqrt(max(-np.log(level) * np.pi / 3, 1.0)))
 
 
 def find_wave(angle: dict[str, Array], rows: dict[str, Array], highest: float = 24.0) -> tuple[float, int]:

@@ -8,7 +8,7 @@ import pytest
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.gap.diagnosis import diagnose
-from rotary_error_monitor.kinds.stage.search import trials_of_waves
+from rotary_error_monitor.gap.orders import trials_of_waves
 from rotary_error_monitor.plant.motion import Motion, Segment
 
 EFFECTS = load_effects(StageEffect)
@@ -21,7 +21,7 @@ def test_a_search_over_all_orders_has_the_rate_that_is_told(rate):
     independent = round(23.9 * turns)
     level = rate / independent
     for _ in range(20):
-        level = rate / trials_of_waves(independent, level)
+        level = rate / trials_of_waves(independent, float(np.log(level)))
     rng, length = np.random.default_rng(round(1 / rate)), 12 * count
     order = np.arange(length // 2 + 1) * count / length / turns
     searched = (order > 0.1) & (order < 24.0)
