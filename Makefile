@@ -20,7 +20,7 @@ LOCKS := requirements/build.lock requirements/cell.lock
 UV_COMPILE := build/lock/bin/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes \
 	--no-annotate --no-header --upgrade
 
-.PHONY: help setup bytecode run run-linuxcnc test test-live test-models test-others test-models-rates test-others-rates test-python312 rates lint bench fuzz soak faults faults-doc docs lock policy clean
+.PHONY: help setup bytecode run run-linuxcnc test test-live test-models test-others test-models-rates test-faults-rates test-others-rates test-python312 rates lint bench fuzz soak faults faults-doc docs lock policy clean
 
 help: ## what the targets do
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -75,6 +75,7 @@ CELL_RATES := $(addprefix test/,fuzz soak world test_lacking_recordings.py bags/
 	undescribed_motion.py zero.py) \
 	$(addprefix pipeline/test_,command_belief.py estimation.py radial_heights.py reversals.py uncertain_responses.py) \
 	$(addprefix recordings/test_,cells.py long_recordings.py measured_curves.py))
+FAULT_RATES := $(filter test/faults/%,$(CELL_RATES))
 MODEL_RATES := $(addprefix test/,blind_check analysis/test_trend.py benchmark/test_power.py \
 	$(addprefix calibration/test_,assembly_tables.py axis_lines.py axis_table.py \
 	collimator_rates.py head_comparison.py identification.py machine_rates.py steps.py straightness_bounds.py \
@@ -122,12 +123,12 @@ COVERED := $(BIN)/python $(if $(MEASURED),-m coverage run)
 
 # What failed stands once more at the end, where half an hour of output ends: whoever reads only that sees it.
 FAILED := build/failed_tests.txt
-# The longest first, and all at once, so that none is left to run alone: the live ones mostly wait.
-PARTS := test-live test-others test-models-rates test-others-rates test-models lint
+# All at once, each of about as much work as any other, so that none is left to run alone: the live ones mostly wait.
+PARTS := test-live test-others test-faults-rates test-others-rates test-models-rates test-models lint
 test: bytecode ## lint, type check and all tests, with coverage of at least 90 % (ALSO=test-python312: that beside them)
 	$(if $(MEASURED),$(BIN)/python -m coverage erase)
 	@mkdir -p $(dir $(FAILED)) && : > $(FAILED)
-	FAILED_TESTS=$(CURDIR)/$(FAILED) $(MAKE) --no-print-directory --jobs 6 --keep-going --output-sync=target $(PARTS) $(ALSO) \
+	FAILED_TESTS=$(CURDIR)/$(FAILED) $(MAKE) --no-print-directory --jobs 8 --keep-going --output-sync=target $(PARTS) $(ALSO) \
 		|| { cat $(FAILED); exit 1; }
 	$(if $(MEASURED),$(BIN)/python -m coverage combine --quiet)
 	$(if $(MEASURED),$(BIN)/python -m coverage report)
@@ -144,8 +145,11 @@ test-others:
 test-models-rates:
 	$(BESIDE) $(BIN)/python $(call PYTEST,,$(MODEL_RATES))
 
+test-faults-rates:
+	$(BESIDE) $(BIN)/python $(call PYTEST,,$(FAULT_RATES))
+
 test-others-rates:
-	$(BESIDE) $(BIN)/python $(call PYTEST,,$(CELL_RATES))
+	$(BESIDE) $(BIN)/python $(call PYTEST,,$(filter-out $(FAULT_RATES),$(CELL_RATES)))
 
 rates: setup ## rates over many seeds that take too long for `make test` (SWEEPS=1 make test-live: all of a newcomer's cases)
 	SWEEPS=1 $(BIN)/python -m pytest $(PYTEST_ARGS) $(SWEPT) $(DRAWN)
