@@ -211,6 +211,12 @@ class LiveCell:
                 return each
         return None
 
+    def last_said_ns(self, name: str, since_ns: int, *words: str) -> int | None:
+        """Timestamp (ns) of the last statement since then that holds all of the words; None where there is none."""
+        name = status_name(f"{self.namespace}/{name}")
+        fits = (each for each in self.heard.said if each.stamp_ns >= since_ns and each.name == name)
+        return max((each.stamp_ns for each in fits if all(word in each.message for word in words)), default=None)
+
     def has_said(self, name: str, since_ns: int, *words: str) -> bool:
         """Whether there is such a statement."""
         return self.said(name, since_ns, *words) is not None
