@@ -7,11 +7,9 @@ from collections import deque
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.pipeline.evidence import SHORT, SIGMAS
-
-Array = NDArray[np.float64]
 
 SEEN = 5
 """Windows behind which it is seen how the command accelerated at a change: the second difference takes one more, and

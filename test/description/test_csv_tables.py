@@ -57,6 +57,7 @@ def test_quotes_comments_and_a_byte_order_mark_are_read(tmp_path: Path) -> None:
         ),
         ("name,height_um\na,1;5", "heights.csv:2: height_um '1;5' is no number"),
         ("x" * 5000 + "\n1\n", "heights.csv:1: header x{100} … x{100}; expected name,height_um"),
+        (b"\xff\xfea\x00", "heights.csv:1: header a; expected name,height_um"),
         (b"name,height_um\xff\x00", r"heights.csv: cannot be read \(.*; give the path of a CSV file"),
     ],
 )

@@ -13,7 +13,7 @@ from rclpy.clock_type import ClockType
 from rosgraph_msgs.msg import Clock
 
 from faults.documenting import Row, shows
-from faults.live.cell import RIGHT_WITHIN, LiveCell
+from faults.live.cell import LONGEST_AT_ONE_SPEED, RIGHT_WITHIN, LiveCell
 from faults.live.other_programs import check
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.testing import Cell
@@ -136,6 +136,7 @@ def test_the_clock_steps(live, chance, sign):
         well_ns = live.wait_until_all_is_well(since_ns)
         patience = RIGHT_WITHIN + (TEMPERATURE if sign < 0 else 0.0)
         told_ns = live.last_said_ns("error_estimator: estimate", since_ns, "until a change of speed shows")
-        check("right again", well_ns - min(told_ns or since_ns, well_ns), patience, lost())
+        check("right again", well_ns - min(told_ns, well_ns), patience, lost())
+        check("right again since the step", well_ns - since_ns, LONGEST_AT_ONE_SPEED + patience, lost())
     live.let_run(1.0)
     live.judge(since_ns)

@@ -27,6 +27,7 @@ from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.diagnostics import status_name
 from rotary_error_monitor.nodes.qos import profile
+from rotary_error_monitor.plant.motion import reversing_motion
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.sources.mock import MockSettings, mock_stage
 from rotary_error_monitor.testing import Cell, NodeProcess
@@ -41,6 +42,9 @@ NAMES = (
 )
 MACHINE = "xyzac_trt"
 SPEEDS = [3.0, 6.0]
+LONGEST_AT_ONE_SPEED = max(segment.duration for segment in reversing_motion(SPEEDS).segments)
+"""Time, s, until the stage changes its speed, at most."""
+
 PERIOD = 0.01
 """Distance of two estimates, s."""
 
@@ -204,18 +208,18 @@ class LiveCell:
 
     def said(self, name: str, since_ns: int, *words: str, least: int = 1) -> Statement | None:
         """First statement after `since_ns` that holds all of the words, of at least that level."""
+        return next(self._statements(name, since_ns, words, least), None)
+
+    def last_said_ns(self, name: str, since_ns: int, *words: str) -> int:
+        """Timestamp (ns) of the last such statement of a warning or more; `since_ns` where there is none."""
+        return max((each.stamp_ns for each in self._statements(name, since_ns, words, 1)), default=since_ns)
+
+    def _statements(self, name: str, since_ns: int, words: tuple[str, ...], least: int) -> Iterator[Statement]:
         name = status_name(f"{self.namespace}/{name}")
         for each in self.heard.said:
             fits = each.stamp_ns >= since_ns and each.name == name and each.level >= least
             if fits and all(word in each.message for word in words):
-                return each
-        return None
-
-    def last_said_ns(self, name: str, since_ns: int, *words: str) -> int | None:
-        """Timestamp (ns) of the last statement since then that holds all of the words; None where there is none."""
-        name = status_name(f"{self.namespace}/{name}")
-        fits = (each for each in self.heard.said if each.stamp_ns >= since_ns and each.name == name)
-        return max((each.stamp_ns for each in fits if all(word in each.message for word in words)), default=None)
+                yield each
 
     def has_said(self, name: str, since_ns: int, *words: str) -> bool:
         """Whether there is such a statement."""
