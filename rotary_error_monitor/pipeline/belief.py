@@ -65,7 +65,7 @@ class Belief:
         self._heads_of: dict[int, tuple[str, ...]] = {}  # by the bit mask of streams that are there
         self._mask_of: dict[frozenset[str], int] = {}
         self._grid, self._period_ns = WindowGrid(period_ns), period_ns
-        self.streams = StreamBelief(streams)
+        self.streams = StreamBelief(streams, bits)
         self._check_turns = min(check_turns, 1.0)
         encoder, self._commanded = stage.encoder or ABSENT, None if stage.encoder else CommandedRotation(stage)
         self._radius, self._has_tilt = encoder.disc_radius, stage.autocollimator is not None
@@ -178,7 +178,7 @@ class Belief:
 
     def _verdicts(self, windows: Windows) -> Iterator[Verdict]:
         """What holds for each of some windows, up to that after which whole turns or other streams are to be taken."""
-        chosen, self._quiet = self.left_out, self.streams.quiet
+        chosen, self._quiet = self.left_out, self.streams.quiet and not any(windows.broken)
         self.ring.foresee(windows)
         self.command.foresee(windows)
         for some in _up_to_measurements(windows):

@@ -18,10 +18,11 @@ from rotary_error_monitor.pipeline.distance_noise import (
     missed_of,
     scatter_in,
 )
+from rotary_error_monitor.pipeline.distance_places import Place
 from rotary_error_monitor.pipeline.distance_reach import ACCELERATION, STEADY, DistanceReach
+from rotary_error_monitor.pipeline.distance_steps import Compared, DistanceSteps, Step
 from rotary_error_monitor.pipeline.evidence import LONG, SHORT, SIGMAS, Reach, Window, Windows
 from rotary_error_monitor.pipeline.head_belief import AGREEMENT
-from rotary_error_monitor.pipeline.held_step import HeldStep, Place
 from rotary_error_monitor.pipeline.ring_belief import ABSENT
 from rotary_error_monitor.pipeline.speed_slope import SpeedSlope
 from rotary_error_monitor.pipeline.standing_command import StandingCommand
@@ -64,8 +65,7 @@ class CommandBelief:
         self._size = 0.0
         self._before: tuple[float, float] | None = None  # distance and speed just before a step, rad and rad/s
         self._scattering = DistanceNoise()
-        self._plain: Place | None = None  # the last window in which nothing is missed
-        self._held = HeldStep(self._limits.following_error)
+        self._steps = DistanceSteps(self._limits.following_error, self._noise)
         self._last: Window | None = None
         self._compared: int | None = None
         self._since = 0  # number of the window since which it is doubted
@@ -84,8 +84,7 @@ class CommandBelief:
             self.doubt, self._before = "", None
         self._agreeing = 0.0
         self._last = self._compared = None
-        self._plain = None
-        self._held.clear()
+        self._steps.clear()
         self._scattering.clear()
         self._slope.forget()
         if self._zero.open:
@@ -120,8 +119,8 @@ class CommandBelief:
         last, self._last = self._last, window
         self.reach = self._anywhere
         if not _tells(window) or last is None or window.number != last.number + 1:
-            self._agreeing, self._plain = 0.0, None
-            self._held.clear()
+            self._agreeing = 0.0
+            self._steps.clear()
             self._scattering.interrupt()
             self.lag = self._lag_at(self._speed_of(window, last), scatter_in(window, self._scattering.variances))
             if not self._zero.open:  # a window that lacks some ticks tells nothing against those before it
@@ -130,30 +129,32 @@ class CommandBelief:
         self._compared = window.number
         speed = self._speed_of(window, last)
         scatter = scatter_in(window, self._scattering.earlier)
-        whole = _tells(last)
-        before = self._held.before or self._before_step(window, last)
+        before, whole = self._steps.before(window, last, self._speed), _tells(last)
         wrong = self._beyond(window, speed) or (self._standing.judge(window, last) if whole else "")
-        step = self._step(window, last, before, speed, scatter) if whole else ""
-        if not (wrong or self.doubt or self._zero.open) and (step or self._held.before):
-            step = self._held_back(window, last, before, speed, scatter)
+        what = Compared(window, last, speed, scatter, self.delay, self._farther.late(self.delay), self._hidden)
+        found = self._steps.seen(what, before) if whole else None
+        if not (wrong or self.doubt or self._zero.open):
+            found = self._sure(what, found)
+        before, step = (before, "") if found is None else (found.before, self._step_of(found, window))
         if self._zero.open or not step:  # a step just behind a silence as well: what was before is before both
             step = self._moved_in_silence(window, last, speed, scatter) or step
         wrong = wrong or step
         late, missed = "", missed_in(window)
-        if not wrong and self._held.before is None:
+        if not wrong and not self._steps.is_held:
             bent = self._is_bent(missed, speed)
             self._measure(window.number, [window.mean.theta], [window.mean.ecc], [window.scatter.ecc], [missed], bent)
-            late = self._measure_delay(window)
+            late = self._late() if self._steps.is_elsewhere else self._measure_delay(window)
         usual = bool(self.doubt) and self._is_usual(window.mean.ecc, speed)
         wrong = wrong or ("" if usual else late)
         if wrong and not self.doubt:
             self._before, self._since = None, window.number
             self._size = self._size if step else 0.0
             self._note_hidden(window.duration)
-        if step and self._before is None and before[0] < self._since:  # also where a part of it was told as another
-            self._before = (window.mean.ecc - self._zero.latest, speed) if self._zero.open else before[1:]
+        if step and self._before is None and before.number < self._since:  # also where a part of it was told as another
+            kept = window.mean.ecc - self._zero.latest, speed
+            self._before = kept if self._zero.open else (before.distance, before.speed)
         if wrong:
-            self._held.clear()
+            self._steps.let_go()
             self.doubt, self._agreeing = self.doubt if self.doubt and step else wrong, 0.0
         elif self.doubt:
             # after a step only the return to what was before it tells that it is over
@@ -161,20 +162,29 @@ class CommandBelief:
             self._agreeing = self._agreeing + window.duration if back else 0.0
             if self._agreeing >= AGREEMENT:
                 self._believe_again(usual, late)
-        elif last.tells_rotation and not (self._zero.open or self._held.before):
+        elif last.tells_rotation and not (self._zero.open or self._steps.size):
             self._usual.add((window.mean.ecc + self.delay * speed, speed))
-        self._settle(speed, scatter_in(window, self._scattering.variances), window.mean.ecc, window.duration)
-        if self._is_plain(missed, window.scatter.ecc, speed):
-            self._plain = Place(window.number, window.mean.ecc, speed)
-        elif not (self.doubt or self._held.before):
+        noise = scatter_in(window, self._scattering.variances)
+        self._settle(speed, noise, window.mean.ecc, window.duration, missed if missed > self._noise else 0.0)
+        plain = self._is_plain(self._steps.places.most_missed(missed), window.scatter.ecc, speed)
+        if not (plain or self.doubt or self._steps.size):
             self._keep_reach(window, last, scatter)
+        self._steps.places.add(Place(window.number, window.mean.ecc, speed, missed), plain=plain)
+        self._steps.places.follow([window.mean.theta], [window.mean.ecc])
+
+    def _sure(self, what: Compared, found: Step | None) -> Step | None:
+        """A step that was found, or is held, once it is told."""
+        if self._steps.begins(what, found):
+            self._note_hidden(what.window.duration)
+            self._scattering.interrupt()
+        return self._steps.judge(what._replace(hidden=self._hidden), found, self._slope)
 
     def _keep_reach(self, window: Window, last: Window, scatter: float) -> None:
         """Of a window in which a step may have begun, where the distance can be next is told by what was before."""
-        before = self._before_step(window, last)
+        before = self._steps.before(window, last, self._speed)
         reach = self._farther.within(window.duration, self.delay, self._lag_at(self._speed, scatter))
         faster = self._farther.late(self.delay) * abs(self._speed - before.speed)
-        self.reach = Reach(before.distance, 0.0, reach + faster + self._missed(window, last))
+        self.reach = Reach(before.distance, 0.0, reach + faster + self._steps.missed(window, last, before))
 
     def _is_back(self, distance: float, speed: float) -> bool:
         """Whether a distance is what it was before a step, as far as a delay leaves that to be told at this speed."""
@@ -220,7 +230,8 @@ class CommandBelief:
         last, farthest = self._last, self._limits.following_error
         if last is None or last.number != windows.first - 1 or self.doubt or self._zero.open or self._late():
             return False
-        if self._plain is None or self._plain.number != last.number or self._held.before:
+        plain = self._steps.places.plain
+        if plain is None or plain.number != last.number or self._steps.size:
             return False
         if not all(abs(ecc) <= farthest for ecc in windows.mean.ecc):
             return False
@@ -262,13 +273,14 @@ class CommandBelief:
                 self._usual.add((distance + self.delay * speed, speed))
             self._settle(speed, scatter, distance, duration)
             found.append((self.lag, self.reach))
-        self._plain = Place(windows.last.number, distances[-1], speeds[-1])
+        self._steps.places.add(Place(windows.last.number, distances[-1], speeds[-1]), plain=True)
+        self._steps.places.follow(thetas, distances)
         return found
 
-    def _settle(self, speed: float, scatter: float, distance: float, duration: float) -> None:
-        """How sure the distance is at a speed (rad/s) and with a scatter (rad), and where it can be next."""
+    def _settle(self, speed: float, scatter: float, distance: float, duration: float, missed: float = 0.0) -> None:
+        """How sure the distance is at a speed (rad/s) with what scatters and is missed (rad), and where it is next."""
         self._speed = speed
-        self.lag = self._lag_at(speed, scatter)
+        self.lag = self._lag_at(speed, scatter, missed)
         self.reach = Reach(distance, 0.0, self._farther.within(duration, self.delay, self.lag))
 
     def _speed_of(self, window: Window, last: Window | None) -> float:
@@ -279,10 +291,10 @@ class CommandBelief:
         self._told = window, speed
         return speed
 
-    def _lag_at(self, speed: float, scatter: float) -> float:
+    def _lag_at(self, speed: float, scatter: float, missed: float = 0.0) -> float:
         untold = self._zero.untold / SIGMAS
-        held = self._held.size / SIGMAS
-        return math.hypot(speed * math.hypot(self.delay, self._timing), scatter, self.shift, untold, held)
+        held, missed = self._steps.size / SIGMAS, self._steps.places.most_missed(missed) / SIGMAS
+        return math.hypot(speed * math.hypot(self.delay, self._timing), scatter, self.shift, untold, held, missed)
 
     def _largest_speed(self, number: int) -> float:
         """How fast the stage may turn in a window by its number, rad/s: it may have accelerated since it was told."""
@@ -293,7 +305,7 @@ class CommandBelief:
 
     def _beyond(self, window: Window, speed: float) -> str:
         allowed = self._limits.following_error + self._limits.latency * abs(speed)
-        if abs(window.mean.ecc) <= allowed + missed_in(window):
+        if abs(window.mean.ecc) <= allowed + self._steps.places.most_missed(missed_in(window)):
             return ""
         return (
             f"rotation and command are {window.mean.ecc * 1e6:.4g} µrad apart at {speed:.3g} rad/s; following error "
@@ -308,55 +320,10 @@ class CommandBelief:
         """Whether a window's distance is one from begin to end: not interpolated wrong, and without a step."""
         return not self._is_bent(missed, speed) and scatter <= self._farther.rippled
 
-    def _before_step(self, window: Window, last: Window) -> Place:
-        """The window that one is held against.
-
-        A step stays, and what interpolation misses does not: it is the last plain one, as long as that may take.
-        """
-        if self._plain is None or self._plain.number < window.number - SHORT:
-            return Place(last.number, last.mean.ecc, self._speed)
-        return self._plain
-
-    def _step(self, window: Window, last: Window, before: Place, speed: float, scatter: float) -> str:
-        """A step of the distance that neither the drive nor a change of speed makes."""
-        step = abs(window.mean.ecc - before.distance)
-        accelerated = self._limits.latency * abs(speed - before.speed)
-        missed = self._missed(window, last)
-        if step <= STEADY * self._limits.following_error + accelerated + missed + 6.0 * scatter:
-            return ""
-        return self._step_of(step, window.number - before.number, window)
-
-    @staticmethod
-    def _missed(window: Window, last: Window) -> float:
-        """What interpolation may miss of it, rad: a third difference that changes its sign tells less."""
-        return missed_in(window) + missed_in(last)
-
-    def _step_of(self, size: float, passed: int, window: Window) -> str:
-        self._size = size
-        within = passed * window.duration * 1e3
-        return f"a step of {size * 1e6:.3g} µrad between rotation and command within {within:g} ms"
-
-    def _held_back(self, window: Window, last: Window, before: Place, speed: float, scatter: float) -> str:
-        """The same of what is held, or has to be: until it is told from what the drive makes as it accelerates."""
-        held, faster, distance = self._held, speed - before.speed, window.mean.ecc
-        if held.before is None:
-            self._note_hidden(window.duration)
-            self._scattering.interrupt()
-            held.hold(before, last.number, self._slope.course(), scatter or self._noise)
-        change = abs(distance - before.distance + self.delay * faster)
-        held.add(window.mean.theta, distance, change)
-        known = STEADY * self._limits.following_error + SIGMAS * held.scatter
-        unknown = self._missed(window, last) + held.explained
-        if change > known + unknown + self._hidden * abs(faster):
-            outcome = "step"
-        else:
-            outcome = "over" if max(change, unknown) <= known else "open"
-        if not held.lasts(outcome) or outcome == "open":
-            return ""
-        if outcome == "step":
-            return self._step_of(change, held.passed, window)
-        held.clear()
-        return ""
+    def _step_of(self, step: Step, window: Window) -> str:
+        self._size = step.size
+        within = step.passed * window.duration * 1e3
+        return f"a step of {step.size * 1e6:.3g} µrad between rotation and command within {within:g} ms"
 
     def _moved_in_silence(self, window: Window, last: Window, speed: float, scatter: float) -> str:
         """The same over a silence of the heads: what is less than a step counts as uncertainty."""
@@ -370,7 +337,8 @@ class CommandBelief:
         )
 
     def _shift_in_silence(self, window: Window, last: Window, speed: float) -> float:
-        theta, distance, missed = window.mean.theta, window.mean.ecc, missed_in(window)
+        theta, distance = window.mean.theta, window.mean.ecc
+        missed = self._steps.places.most_missed(missed_in(window))
         if not (window.tells_rotation and last.tells_rotation):  # the speed is anything up to this one
             return self._shift((theta, 0.0, (distance, 0.0)), missed, (abs(self.delay) + self._hidden) * abs(speed))
         return self._shift((theta, theta - last.mean.theta, (distance, speed)), missed)

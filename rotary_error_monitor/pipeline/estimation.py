@@ -333,7 +333,7 @@ class Estimator:
         self, ticks: NDArray[np.int64], sampled: Mapping[str, Resampled], there: NDArray[np.int64], first: int
     ) -> tuple[list[ErrorMotion], int]:
         """Error motion of ticks as long as the same heads are believed, and how many ticks these are."""
-        there = there & ~self.belief.unusable
+        heard, there = there, there & ~self.belief.unusable
         own = there & ~self.belief.left_out
         used, decided = (own, {}) if self._repetition is None else self._repetition.choose(ticks, there, own)
         for place, decision in decided.items():  # a head that the live run did not wait for yet was not there for it
@@ -342,7 +342,7 @@ class Estimator:
         described, lacking = self._described.at(ticks, sampled, used, self._joined_ns)
         if lacking is not None:
             there, used = there & ~lacking, used & ~lacking
-        motion, evidence, disagreement, redundancy = self._make(sampled, there, used, first, rates, described)
+        motion, evidence, disagreement, redundancy = self._make(sampled, (heard, there, used), first, rates, described)
         verdicts, done = self.belief.assess(evidence)
         believed = Believed(verdicts)
         for place, decision in decided.items():
@@ -382,18 +382,22 @@ class Estimator:
     def _make(
         self,
         sampled: Mapping[str, Resampled],
-        there: NDArray[np.int64],
-        used: NDArray[np.int64],
+        masks: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]],
         first: int,
         rates: Mapping[str, float],
         described: Resampled | None,
     ) -> tuple[ErrorMotion, Evidence, NDArray[np.float64], NDArray[np.int64]]:
-        """Error motion of all ticks, what they say of the streams, contradiction of the heads, and their redundancy."""
+        """Error motion of all ticks, what they say of the streams, contradiction of the heads, and their redundancy.
+
+        The `masks` are of the streams that are heard, those of them that count as evidence, and those that are used.
+        """
+        heard, there, used = masks
         made = self._ticks.make_each(sampled, there, used, rates, described)
         if made.layout is not None:
             self.status.unseen_orders = self._ticks.unseen_orders(made.layout)
         if self.status.turns:  # the rotor has not moved by what was taken out between two windows
             made.evidence[:, EVIDENCE["theta"]] += 2 * np.pi * self.status.turns
         numbers = first + np.arange(len(there))
-        evidence = Evidence(numbers, made.evidence, made.parity, there & self._judged_bits, made.readings)
+        available, heard = there & self._judged_bits, heard & self._judged_bits
+        evidence = Evidence(numbers, made.evidence, made.parity, available, heard, made.readings)
         return made.motion, evidence, made.disagreement, made.redundancy

@@ -35,7 +35,7 @@ class EstimatorSettings:
 
     period_ns: int = 1_000_000
     patience_ns: int = 100_000_000
-    max_gap_ns: int = 20_000_000
+    max_gap_ns: int = 25_000_000
     disagreement_limit: float = 10.0
     max_age_ns: int = 1_000_000_000
     check_turns: float = 1.0

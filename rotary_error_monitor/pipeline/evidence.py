@@ -100,6 +100,7 @@ class Evidence:
         values: (m, k) one column for each name in `COLUMNS`.
         parity: (m, h) contradiction of the heads that are there, in their order, rad; zero where there is none.
         available: (m,) bit mask of the streams that are there.
+        heard: (m,) the same of those as well that are not believed.
         readings: (m, P) what the instruments read, where the command alone tells the rotation.
     """
 
@@ -107,6 +108,7 @@ class Evidence:
     values: Array
     parity: Array
     available: NDArray[np.int64]
+    heard: NDArray[np.int64]
     readings: Array
 
     def part(self, chosen: slice) -> Evidence:
@@ -133,6 +135,7 @@ class Window(NamedTuple):
         parity: (h,) mean of the contradiction, rad.
         available: streams that were there all the time, as a bit mask.
         steady: whether the same streams were there all the time.
+        broken: streams that were heard at some of its ticks and not at others, as a bit mask.
         readings: (P,) mean of what the instruments read, as in `Evidence`.
     """
 
@@ -144,6 +147,7 @@ class Window(NamedTuple):
     parity: Array
     available: int
     steady: bool
+    broken: int = 0
     readings: Array = np.empty(0)
 
     def pair(self, name: str) -> tuple[float, float]:
@@ -173,7 +177,7 @@ class Windows:
         first: number of the first on its grid.
         duration, ticks: of each.
         mean, scatter: (n,) for each of their fields.
-        parity: (n, h), readings: (n, P), available, steady: (n,) as of `Window`.
+        parity: (n, h), readings: (n, P), available, steady, broken: (n,) as of `Window`.
     """
 
     first: int
@@ -184,6 +188,7 @@ class Windows:
     parity: Array
     available: Sequence[int]
     steady: Sequence[bool]
+    broken: Sequence[int]
     readings: Array
 
     def __len__(self) -> int:
@@ -195,9 +200,8 @@ class Windows:
         mean = Means._make([column[place] for column in self.mean])
         scatter = Scatter._make([column[place] for column in self.scatter])
         parity, readings = self.parity[place], self.readings[place]
-        steady, available = self.steady[place], self.available[place]
-        number = self.first + place
-        return Window(number, self.duration, self.ticks, mean, scatter, parity, available, steady, readings)
+        masks = self.available[place], self.steady[place], self.broken[place]
+        return Window(self.first + place, self.duration, self.ticks, mean, scatter, parity, *masks, readings)
 
     @cached_property
     def last(self) -> Window:
@@ -214,7 +218,8 @@ class Windows:
         chosen = slice(begin, end)
         mean: Means[list[float]] = Means._make([column[chosen] for column in self.mean])
         scatter: Scatter[list[float]] = Scatter._make([column[chosen] for column in self.scatter])
-        arrays = self.parity[chosen], self.available[chosen], self.steady[chosen], self.readings[chosen]
+        masks = self.available[chosen], self.steady[chosen], self.broken[chosen]
+        arrays = self.parity[chosen], *masks, self.readings[chosen]
         return Windows(self.first + begin, self.duration, self.ticks, mean, scatter, *arrays)
 
     def pairs(self, name: str) -> list[tuple[float, float]]:
@@ -269,8 +274,17 @@ class WindowGrid:
             parity,
             np.bitwise_and.reduce(masks, axis=1).tolist(),
             (masks == masks[:, :1]).all(axis=1).tolist(),
+            self._broken(evidence.heard.reshape(count, self.ticks)),
             readings,
         )
+
+    @staticmethod
+    def _broken(masks: NDArray[np.int64]) -> list[int]:
+        """Of masks (w, t) of windows: bits that are not the same at all ticks."""
+        if (masks == masks[0, 0]).all():
+            return [0] * len(masks)
+        changed: list[int] = np.bitwise_or.reduce(masks ^ masks[:, :1], axis=1).tolist()
+        return changed
 
     def _scatter(self, values: Array) -> Array:
         """(w, k) standard deviation of values (w, t, k) of the t ticks of each window about a straight line."""

@@ -4,30 +4,16 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import NamedTuple
 
 import numpy as np
 
 from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.pipeline.distance_places import Place
 from rotary_error_monitor.pipeline.evidence import SHORT, SIGMAS
 
 SEEN = 5
 """Windows behind which it is seen how the command accelerated at a change: the second difference takes one more, and
-interpolation two samples, which are no further apart than `max_gap`, 20 ms."""
-
-
-class Place(NamedTuple):
-    """What a window shows.
-
-    Attributes:
-        number: of the window.
-        distance: of rotation and command, rad.
-        speed: rad/s.
-    """
-
-    number: int
-    distance: float
-    speed: float
+interpolation two samples, which are no further apart than `max_gap`, 25 ms."""
 
 
 class HeldStep:

@@ -192,10 +192,9 @@ def _interpolate(times_ns: Times, values: Array, ticks_ns: Times, max_gap_ns: in
     after = np.searchsorted(times_ns, ticks_ns, side="right")
     inside = (after >= 2) & (after + 1 < len(times_ns))
     first = np.clip(after - 2, 0, len(times_ns) - 4)
+    valid = inside & _are_near([times_ns[first + i + 1] - times_ns[first + i] for i in range(3)], max_gap_ns)
     u = [(times_ns[first + i] - ticks_ns) * 1e-9 for i in range(4)]
     middle, before, behind = u[2] - u[1], u[1] - u[0], u[3] - u[2]
-    even = (middle <= 3 * np.minimum(before, behind)) & (np.maximum(before, behind) <= 3 * middle)
-    valid = inside & even & (np.maximum(np.maximum(before, behind), middle) <= max_gap_ns * 1e-9)
     samples = [values[first + i] for i in range(4)]
     total, gain = np.zeros((m, k)), np.zeros(m)
     for i in range(4):
@@ -207,6 +206,16 @@ def _interpolate(times_ns: Times, values: Array, ticks_ns: Times, max_gap_ns: in
         gain = gain + weight * weight
     result = np.where(valid[:, None], samples[1] + total, 0.0)
     return Resampled(result, gain, np.abs(samples[3] - samples[0]), _bend(samples, before, middle, behind), valid)
+
+
+def _are_near(distances: Sequence[Times], max_gap_ns: int) -> Mask:
+    """Whether four samples are near to one another, and evenly enough, by their three distances (ns).
+
+    In whole numbers: of distances that are the limit itself, rounding would let through some ticks and not others.
+    """
+    before, middle, behind = distances
+    even = (middle <= 3 * np.minimum(before, behind)) & (np.maximum(before, behind) <= 3 * middle)
+    return np.asarray(even & (np.maximum(np.maximum(before, behind), middle) <= max_gap_ns))
 
 
 def _bend(samples: Sequence[Array], before: Array, middle: Array, behind: Array) -> Array:

@@ -12,12 +12,13 @@ import pytest
 from described_stages import stage_of
 from draws import seeds
 from world import Options, Recording, make_recording, random_stage
-from world.fault import blocks_from, shifted
+from world.fault import blocks_from, shifted, stepped
 from world.motion import make_motion
 from world.options import RAMPS, Seeds
-from world.recording import AUTOCOLLIMATOR, COMMAND
+from world.recording import AUTOCOLLIMATOR, COMMAND, head_topic
 
-from faults.judging import estimated
+from faults.judging import estimated, judge
+from faults.recordings import MOST_WRONG
 from rotary_error_monitor.pipeline.distance_reach import ACCELERATION
 from rotary_error_monitor.pipeline.estimation import Estimator
 
@@ -108,3 +109,24 @@ def test_a_command_whose_stamps_are_off_is_doubted_before_the_move_is_over(delay
     """At rates whose interpolation misses less than such a delay makes."""
     found = {(seed, rate): doubts(seed, rate, delay)[0] for seed, rate in cases(24, RATES[1:])}
     assert np.mean([bool(why) for why in found.values()]) > 0.8, found
+
+
+@pytest.mark.parametrize("rate", [40.0, 50.0, 100.0])
+def test_a_step_of_a_slow_command_is_told_or_counts_as_uncertainty(rate):
+    """Also in a ramp, in which interpolation misses more than that for longer than a step takes."""
+    told, wrong = [], []
+    for seed in seeds(36):
+        section, generator = random_stage(seed), np.random.default_rng([seed, 5])
+        if seed % 4 < 2:
+            section["encoder"] |= {"noise": 1e-9, "counts_per_line": 1_000_000}
+        rates = {COMMAND: rate, AUTOCOLLIMATOR: 200.0}
+        rates |= dict.fromkeys(map(head_topic, section["encoder"]["heads"]), 1000.0)
+        habits = jumping(seed, Options.textbook(noise=1.0), generator, ramps=RAMPS[1 + seed % 2], rates=rates)
+        whole = make_recording(seed, duration=2 * DURATION, stage=section, options=habits)
+        size, begin = float(generator.choice([3e-4, -3e-4, 4e-4, -5e-4])), float(generator.uniform(1.0, 2.5))
+        found = judge(whole.with_topics({COMMAND: stepped(whole, COMMAND, size, begin)}), section)
+        told.append("command" in found.doubted)
+        wrong.append(found.worst)
+    assert np.mean(told) > (0.8 if rate >= 50.0 else 0.6), told
+    assert max(wrong) <= 0.1 / (2 * DURATION), wrong
+    assert np.mean(wrong) <= 2 * MOST_WRONG, wrong

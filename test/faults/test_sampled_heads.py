@@ -7,15 +7,14 @@ from functools import cache
 import numpy as np
 import pytest
 from draws import seeds
-from numpy.typing import NDArray
 from world import FAULTS, Options, Recording, make_recording, random_stage
+from world.fault import stepped
 from world.options import RAMPS
 from world.recording import AUTOCOLLIMATOR, COMMAND, head_topic
 
 from faults.judging import judge
 from faults.recordings import MOST_WRONG
 from faults.test_sampled_commands import jumping
-from rotary_error_monitor.signals.blocks import SampleBlock
 
 RATES = (60.0, 100.0, 250.0)
 
@@ -32,16 +31,6 @@ def recorded(seed: int) -> Recording:
     return make_recording(seed, duration=3.0, stage=section, options=habits)
 
 
-def stepped(recording: Recording, topic: str, off: float, begin: float) -> tuple[list[SampleBlock], NDArray[np.int64]]:
-    """Blocks of a stream that is off by an angle (rad) from a time (s) on, and their arrivals."""
-    blocks = []
-    for block in recording.blocks[topic]:
-        rows = block.rows.copy()
-        rows[:, 1] += off * ((block.times_ns - recording.start_ns) * 1e-9 >= begin)
-        blocks.append(SampleBlock(block.stamp_ns, block.names, rows))
-    return blocks, recording.arrivals[topic]
-
-
 def test_what_lies_between_two_samples_of_a_head_is_no_fault():
     """At 60 Hz a ramp that is shorter than two samples may still leave more than a single jump of acceleration does."""
     found = {seed: judge(recorded(seed), recorded(seed).stage) for seed in seeds(36)}
@@ -55,8 +44,8 @@ def test_what_lies_between_two_samples_of_a_head_is_no_fault():
 def test_a_head_that_is_off_is_told_all_the_same(fault):
     told, wrong = [], []
     for seed in seeds(18):
-        stepped = FAULTS[fault](recorded(seed), np.random.default_rng(seed))
-        found = judge(stepped.recording, recorded(seed).stage)
+        changed = FAULTS[fault](recorded(seed), np.random.default_rng(seed))
+        found = judge(changed.recording, recorded(seed).stage)
         told.append(any(name.startswith("head") for name in found.doubted))
         wrong.append(found.worst)
     assert np.mean(told) > 0.8, told

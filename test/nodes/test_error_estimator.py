@@ -137,14 +137,14 @@ def test_radial_error_motion_goes_out_at_the_heights_that_are_named(cell, sensor
 @shows(
     Row(
         "heads",
-        "Samples of the heads are as far apart as `max_gap` (20 ms) or further, as of heads at 50 Hz",
+        "Samples of the heads are further apart than `max_gap` (25 ms), as of heads at 30 Hz",
         "`error_estimator: estimate`: impossible, how far apart the samples of which heads are, and `max_gap`",
         "samples so far apart are not joined: between them the rotor may have been anywhere",
-        "nothing, or only part of the estimates where stamps scatter about `max_gap`",
+        "nothing",
         "faster heads, or a larger `max_gap` where the motion is slow",
     )
 )
-@pytest.mark.parametrize("rate", [50.0, 40.0])
+@pytest.mark.parametrize("rate", [30.0, 25.0])
 def test_heads_that_are_slower_than_max_gap_are_named(cell, estimates, rate):
     for head in "abcd":
         cell.run(EncoderHead, f"encoder_head_{head}", rate=rate, source="mock")
@@ -153,23 +153,23 @@ def test_heads_that_are_slower_than_max_gap_are_named(cell, estimates, rate):
     words = f"samples of head_a, head_b, head_c, head_d are {1e3 / rate:g} ms apart; what is further apart than max_gap"
     status = cell.wait_for_status("error_estimator: estimate", words)
     assert status.level == b"\x02"
-    assert estimates == [] or rate == 50.0
+    assert estimates == []
     cell.remove(estimator)
     estimates.clear()
-    cell.run(ErrorEstimator, "error_estimator", period=PERIOD, check_turns=0.0, max_gap=0.05)
+    cell.run(ErrorEstimator, "error_estimator", period=PERIOD, check_turns=0.0, max_gap=0.06)
     cell.wait_until(lambda: len(estimates) > 5, "estimates with a larger max_gap")
 
 
 def test_slow_streams_beside_fast_heads_are_named(cell, estimates):
     """A head, the autocollimator and the command: their part of the estimate is missing, and why is said."""
     for head in "abcd":
-        cell.run(EncoderHead, f"encoder_head_{head}", rate=40.0 if head == "b" else 1000.0, source="mock")
+        cell.run(EncoderHead, f"encoder_head_{head}", rate=30.0 if head == "b" else 1000.0, source="mock")
     cell.run(Autocollimator, "autocollimator", rate=25.0, source="mock")
     cell.run(MockController, "mock_controller", rate=30.0)
     cell.run(ErrorEstimator, "error_estimator", period=PERIOD, check_turns=0.0)
     cell.wait_until(lambda: len(estimates) > 5, "estimates of the other heads")
-    apart = {"head_b": 25, "autocollimator": 40, "command": 33.3}
-    limit = "what is further apart than max_gap of 20 ms is not joined"
+    apart = {"head_b": 33.3, "autocollimator": 40, "command": 33.3}
+    limit = "what is further apart than max_gap of 25 ms is not joined"
     words = [f"samples of {name} are {gap} ms apart; {limit}" for name, gap in apart.items()]
 
     def all_are_named() -> bool:

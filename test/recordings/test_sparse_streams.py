@@ -75,7 +75,7 @@ def test_a_live_run_that_joined_more_is_repeated_bit_for_bit(tmp_path, seed, eve
 
 
 def test_what_a_live_run_did_not_join_stays_so(tmp_path):
-    """The autocollimator's samples are 26 ms apart, `max_gap` stayed at 20 ms."""
+    """The autocollimator's samples are 26 ms apart, `max_gap` was 20 ms."""
     blocks = samples_of(3, {"autocollimator": 13})
     live = published(blocks, 20_000_000)
     result = replay_bag(recorded(tmp_path / "bag", blocks, live), load_stage())
@@ -90,7 +90,7 @@ def slow(tmp_path_factory):
     return recorded(tmp_path_factory.mktemp("slow") / "bag", samples_of(5, {"autocollimator": 20}))
 
 
-SAID = "samples of autocollimator are 40 ms apart; what is further apart than max_gap of 20 ms is not joined; "
+SAID = "samples of autocollimator are 40 ms apart; what is further apart than max_gap of 25 ms is not joined; "
 
 
 def test_every_command_says_that_a_stream_is_not_joined_and_by_what_it_is(slow, tmp_path, capsys):

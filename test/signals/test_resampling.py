@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from kernels import FORMS, computing_by, is_built
 
 from rotary_error_monitor.metrology.error_motion import bend_variance
 from rotary_error_monitor.signals.resampling import count_decided, resample, tick_times
@@ -178,3 +179,16 @@ def test_what_is_decided_does_not_change_with_the_samples_that_follow(rate, size
         part = resample(times[:there], values[:there], ticks[:decided], period_ns, max_gap_ns)
         np.testing.assert_array_equal(part.valid, whole.valid[:decided])
         np.testing.assert_array_equal(part.values, whole.values[:decided])
+
+
+@pytest.mark.parametrize("form", [form for form in FORMS if form == "numpy" or is_built()])
+@pytest.mark.parametrize("distance", [19_999_999, 20_000_000, 25_000_000])
+@pytest.mark.parametrize("start", [0, 1_824_678_226_114_000_123])
+def test_samples_as_far_apart_as_is_joined_give_a_value_at_each_tick(form, distance, start):
+    """Rounding of their distance from a tick made it more than the limit at three ticks of four."""
+    times = start + np.arange(12, dtype=np.int64) * distance
+    ticks = tick_times((start + 2 * distance) // PERIOD, 8 * distance // PERIOD, PERIOD)
+    values = np.sin(times * 1e-8)[:, None]
+    with computing_by(form):
+        assert resample(times, values, ticks, PERIOD, distance).valid.all()
+        assert not resample(times, values, ticks, PERIOD, distance - 1).valid.any()

@@ -353,6 +353,16 @@ def until(recording: Recording, topic: str, begin_ns: int) -> tuple[list[SampleB
     return recording.blocks[topic][:n], recording.arrivals[topic][:n]
 
 
+def stepped(recording: Recording, topic: str, size: float, begin: float) -> tuple[list[SampleBlock], Times]:
+    """Blocks of a topic whose first value is off by a `size` from a time (s) on, and their arrivals."""
+    blocks = []
+    for block in recording.blocks[topic]:
+        rows = block.rows.copy()
+        rows[:, 1] += size * ((block.times_ns - recording.start_ns) * 1e-9 >= begin)
+        blocks.append(SampleBlock(block.stamp_ns, block.names, rows))
+    return blocks, recording.arrivals[topic]
+
+
 def shifted(
     recording: Recording, topic: str, begin_ns: int, shift_ns: int, only: int | None = None, late: bool = False
 ) -> tuple[list[SampleBlock], Times]:

@@ -141,8 +141,15 @@ static void fit(const grid *of, const signal *s, int64_t tick, int64_t j, int64_
     s->valid[j] = (uint8_t)covered;
 }
 
-static double larger(double a, double b) { return a > b ? a : b; }
-static double smaller(double a, double b) { return a < b ? a : b; }
+static int64_t larger(int64_t a, int64_t b) { return a > b ? a : b; }
+static int64_t smaller(int64_t a, int64_t b) { return a < b ? a : b; }
+
+/* Whether four samples are near to one another, and evenly enough, by their distances (ns): in whole numbers, for of
+ * distances that are the limit itself, rounding would let through some ticks and not others. */
+static int are_near(int64_t before, int64_t middle, int64_t behind, int64_t max_gap) {
+    return middle <= 3 * smaller(before, behind) && larger(before, behind) <= 3 * middle &&
+           larger(larger(before, behind), middle) <= max_gap;
+}
 
 static void interpolate(const grid *of, const signal *s, int64_t tick, int64_t j) {
     const int64_t k = s->k, after = place_of(s->stamps, s->n, tick + 1); /* those at the tick are before it */
@@ -152,9 +159,9 @@ static void interpolate(const grid *of, const signal *s, int64_t tick, int64_t j
     double u[4], weight[4], gain = 0.0;
     for (int64_t i = 0; i < 4; i++) u[i] = (double)(s->stamps[first + i] - tick) * 1e-9;
     double middle = u[2] - u[1], before = u[1] - u[0], behind = u[3] - u[2];
-    int even = middle <= 3.0 * smaller(before, behind) && larger(before, behind) <= 3.0 * middle;
-    int valid = after >= 2 && after + 1 < s->n && even &&
-                larger(larger(before, behind), middle) <= (double)of->max_gap * 1e-9;
+    const int64_t *near = s->stamps + first;
+    int valid = after >= 2 && after + 1 < s->n &&
+                are_near(near[1] - near[0], near[2] - near[1], near[3] - near[2], of->max_gap);
     for (int i = 0; i < 4; i++) {
         weight[i] = 1.0;
         for (int l = 0; l < 4; l++)
