@@ -34,6 +34,7 @@ class RingParts(NamedTuple):
         covariance: (m, 3, 3) of rotation (rad) and displacement (m).
         disagreement: (m,) of the heads, in standard deviations.
         variance: (m,) larger one of what is seen along x and y, m²; None where it is that of the covariance.
+        bend: (m,) mean third difference of the samples of the heads, rad.
         sees_x, sees_y: whether both components are seen.
         samples: independent samples behind a tick, at most 1.
     """
@@ -47,6 +48,7 @@ class RingParts(NamedTuple):
     covariance: Array
     disagreement: Array
     variance: Array | None
+    bend: Array
     sees_x: bool
     sees_y: bool
     samples: float
@@ -95,7 +97,7 @@ class _Ring(ctypes.Structure):
     """`ring` of compiled/ticks.h."""
 
     _fields_ = (
-        *((name, c_void_p) for name in RingParts._fields[:9]),
+        *((name, c_void_p) for name in RingParts._fields[:10]),
         ("sees_x", c_int64),
         ("sees_y", c_int64),
         ("samples", c_double),
@@ -197,7 +199,7 @@ class Kernel:
         kept: list[Any] = []
         at = [_place(each, kept) for each in (motion.theta, motion.components, motion.covariance, seen)]
         to = (c_int64 * 6)(len(seen), *at, address(motion.observable))
-        heads = _Ring(*(_place(each, kept) for each in ring[:9]), *ring[9:])
+        heads = _Ring(*(_place(each, kept) for each in ring[:10]), *ring[10:])
         mirror = None if tilt is None else _Tilt(*(_place(each, kept) for each in tilt[:4]), tilt.samples)
         asked = None
         if command is not None:

@@ -174,14 +174,15 @@ class TickMaker:
         if layout is not None and ring is not None:
             disagreement = ring.disagreement
             parity[:, : layout.redundancy] = ring.parity
-            seen_ring = self._ring_parts(layout, ring, min(rates[name] for name in heads))
+            bends = [sampled[name].bend for name in heads]
+            seen_ring = self._ring_parts(layout, ring, bends, min(rates[name] for name in heads))
             tilt: TiltParts | None = None
             command: CommandParts | None = None
             if AUTOCOLLIMATOR in there:
                 tilt = self._tilt_parts(ring.theta, sampled[AUTOCOLLIMATOR], described, rates[AUTOCOLLIMATOR])
             if COMMAND in there:
-                bends = np.concatenate([sampled[name].bend for name in (*heads, COMMAND)], axis=1)
-                command = CommandParts(sampled[COMMAND].values[:, 0], bends)
+                both = np.concatenate([*bends, sampled[COMMAND].bend], axis=1)
+                command = CommandParts(sampled[COMMAND].values[:, 0], both)
             self._put(motion, seen, seen_ring, tilt, command)
         whole = ring if everyone == heads else self._ring(everyone, sampled, rates)[1]
         if whole is not None:
@@ -210,8 +211,10 @@ class TickMaker:
         variance = head_variance(encoder, gain, travel, bend, self._stage.timing("encoder") * speed)
         return layout, estimate_ring_pose(layout, encoder.disc_radius, readings, variance)
 
-    def _ring_parts(self, layout: HeadLayout, ring: RingPose, slowest: float) -> RingParts:
-        """What heads show, the slowest of which gives so many samples per s."""
+    def _ring_parts(
+        self, layout: HeadLayout, ring: RingPose, bends: Sequence[NDArray[np.float64]], slowest: float
+    ) -> RingParts:
+        """What heads show, by their third differences (m, 1); the slowest of them gives so many samples per s."""
         stage = self._stage
         radial = remove_eccentricity(ring.centre, ring.theta, stage.ring)
         # what of the displacement is predicted, as far as these heads see it
@@ -227,6 +230,7 @@ class TickMaker:
             ring.covariance,
             ring.disagreement,
             None if len(layout.observable) == 3 else self._radial_variance(layout, ring),
+            np.asarray(sum(bends[1:], bends[0])[:, 0] / len(bends)),
             "x" in layout.observable,
             "y" in layout.observable,
             min(1.0, slowest * self._period),
@@ -298,6 +302,7 @@ def _put_ring(motion: ErrorMotion, seen: NDArray[np.float64], ring: RingParts) -
     both = ring.covariance[:, 1, 1], ring.covariance[:, 2, 2]
     seen[:, index["radial_variance"]] = np.maximum(*both) if ring.variance is None else ring.variance
     seen[:, index["head_samples"]] = ring.samples
+    seen[:, index["head_bend"]] = ring.bend
 
 
 def _put_tilt(motion: ErrorMotion, seen: NDArray[np.float64], parts: TiltParts) -> None:
@@ -325,7 +330,5 @@ def _put_command(motion: ErrorMotion, seen: NDArray[np.float64], command: Comman
     motion.covariance[:, :2, 5] = motion.covariance[:, 5, :2] = ring.covariance[:, 0, 1:]
     seen[:, index["command"]] = 1.0
     seen[:, index["ecc"]] = distance
-    *heads, asked = command.bends.T
-    seen[:, index["head_bend"]] = sum(heads[1:], heads[0]) / len(heads)
-    seen[:, index["command_bend"]] = asked
+    seen[:, index["command_bend"]] = command.bends[:, -1]
     seen[:, index["turns"]] = turns

@@ -1,9 +1,10 @@
 /* What ticks show, put together: `_put_ring`, `_put_tilt` and `_put_command` of ticks.py. */
 #include "columns.h"
 
-/* The ring, as RingPose and what the description predicts of its displacement; `variance` NULL: that of the poses. */
+/* The ring, as RingPose and what the description predicts of its displacement; `variance` NULL: that of the poses; mean
+ * third differences of its heads. */
 typedef struct {
-    const double *theta, *centre, *radial, *described, *predicted, *seen, *covariance, *disagreement, *variance;
+    const double *theta, *centre, *radial, *described, *predicted, *seen, *covariance, *disagreement, *variance, *bend;
     int64_t sees_x, sees_y;
     double samples;
 } ring;
@@ -51,6 +52,7 @@ static void put_ring(const motion *to, const ring *from, int64_t j) {
     seen[BELIEVED_AGREEMENT] = from->disagreement[j] * from->disagreement[j];
     seen[RADIAL_VARIANCE] = from->variance ? from->variance[j] : larger(known[4], known[8]);
     seen[HEAD_SAMPLES] = from->samples;
+    seen[HEAD_BEND] = from->bend[j];
 }
 
 static void put_tilt(const motion *to, const tilt *from, int64_t j) {
@@ -69,21 +71,17 @@ static void put_tilt(const motion *to, const tilt *from, int64_t j) {
 
 static void put_command(const motion *to, const command *from, const ring *of, int64_t j) {
     const double *bends = from->bends + from->count * j, *known = of->covariance + 9 * j;
-    double *covariance = to->covariance + 36 * j, *seen = to->seen + COLUMNS * j, most = fabs(bends[0]), sum = bends[0];
+    double *covariance = to->covariance + 36 * j, *seen = to->seen + COLUMNS * j, most = fabs(bends[0]);
     double distance = of->theta[j] - from->angle[j], turns = rint(distance / TURN);
     distance = distance - TURN * turns;
     to->theta[j] -= TURN * turns;
     to->components[6 * j + 5] = distance;
     to->observable[6 * j + 5] = 1;
-    for (int64_t i = 1; i < from->count - 1; i++) {
-        most = larger(most, fabs(bends[i]));
-        sum = sum + bends[i];
-    }
+    for (int64_t i = 1; i < from->count - 1; i++) most = larger(most, fabs(bends[i]));
     covariance[35] = known[0] + from->missed * (most * most + bends[from->count - 1] * bends[from->count - 1]);
     for (int a = 0; a < 2; a++) covariance[6 * a + 5] = covariance[30 + a] = known[1 + a];
     seen[COMMAND] = 1.0;
     seen[ECC] = distance;
-    seen[HEAD_BEND] = sum / (double)(from->count - 1);
     seen[COMMAND_BEND] = bends[from->count - 1];
     seen[TURNS] = turns;
 }
