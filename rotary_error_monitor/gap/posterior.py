@@ -38,9 +38,6 @@ PRIOR_OF_UNKNOWN = 0.02
 PRIOR_OF_KNOWN = 0.5
 """Probability that a known effect, whichever, is at work where something unknown is."""
 
-SURENESS = 4.0
-"""Degrees of freedom with which `SHARE` is known: 90 % of what it may be lie between 0.65 and 2.4 of it."""
-
 NO_DEPARTURE = 0.5
 """Part of a cause's power: where its textbook form leaves more, departures need not be looked at. They would be of 70 %
 of the cause, seven standard deviations of their prior, and something unknown is always likelier."""
@@ -156,18 +153,9 @@ def weigh_against_unknown(
         gain = sum(power[channel] / total * float(np.log1p(value)) for channel, value in kept.items())
         beside = sum(value / total * float(np.log1p(value / left[channel])) for channel, value in power.items())
         near |= beside > np.log1p(1 / NO_DEPARTURE)
-        log_odds.append(0.5 * _free(problem, cause) * gain + prior + log_prior_of_share(float(share)))
+        log_odds.append(0.5 * _free(problem, cause) * gain + prior - 0.5 * float(share / SHARE) ** 2)
     instead = tuple(np.logaddexp(odds_of_slips(problem, fit), _proportional(fit)).tolist())
     return _beside(Posterior(fit, tuple(findings), tuple(log_odds), settled, near, credit, instead=instead), instead)
-
-
-def log_prior_of_share(share: float) -> float:
-    """Logarithm of the prior density of a cause's departures of some share, over that of none.
-
-    They are of some `SHARE` of a cause, which itself is known to about a factor of two (`SURENESS` degrees of freedom):
-    Student's t in place of a normal distribution (Berger, Statistical Decision Theory, 2nd ed. 1985, 4.7).
-    """
-    return -0.5 * (SURENESS + 1) * float(np.log1p((share / SHARE) ** 2 / SURENESS))
 
 
 def is_likelier_instead(posterior: Posterior) -> bool:

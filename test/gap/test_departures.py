@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from scipy.signal import lfilter
-from scipy.stats import multivariate_normal, t
+from scipy.stats import multivariate_normal
 
 from rotary_error_monitor.effects.effect import Cause, Parameter, Role, order_location
 from rotary_error_monitor.effects.library import effect_named, load_effects
@@ -28,7 +28,7 @@ from rotary_error_monitor.gap.departures import (
     wanders,
 )
 from rotary_error_monitor.gap.fitting import fit_causes
-from rotary_error_monitor.gap.posterior import SURENESS, likeliest_kinds, log_prior_of_share, marginal_likelihood
+from rotary_error_monitor.gap.posterior import likeliest_kinds, marginal_likelihood
 from rotary_error_monitor.gap.problem import LateRows
 
 COUNT = 4000
@@ -143,12 +143,6 @@ def test_every_effect_of_a_stage_may_depart_on_its_own_channels_only(stage_probl
         assert widths == {len(departures.kinds)} and all(np.isfinite(r).all() for r in departures.columns.values())
         assert len(departures.words) == len(departures.changes) == len(departures.kinds)
         assert all(isinstance(words(0.1), str) for words in departures.words)
-
-
-@pytest.mark.parametrize("share", [0.0, 0.05, 0.1, 0.3, 0.7])
-def test_the_prior_of_a_departure_is_students_t(share):
-    scaled = share / SHARE
-    assert log_prior_of_share(share) == pytest.approx(t.logpdf(scaled, SURENESS) - t.logpdf(0.0, SURENESS))
 
 
 @pytest.mark.parametrize("seed", range(4))

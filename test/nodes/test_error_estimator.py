@@ -150,7 +150,9 @@ def test_heads_that_are_slower_than_max_gap_are_named(cell, estimates, rate):
         cell.run(EncoderHead, f"encoder_head_{head}", rate=rate, source="mock")
     cell.run(MockController, "mock_controller")
     estimator = cell.run(ErrorEstimator, "error_estimator", period=PERIOD, check_turns=0.0)
-    words = f"samples of head_a, head_b, head_c, head_d are {1e3 / rate:g} ms apart; what is further apart than max_gap"
+    words = (
+        f"samples of head_a, head_b, head_c, head_d are {1e3 / rate:.3g} ms apart; what is further apart than max_gap"
+    )
     status = cell.wait_for_status("error_estimator: estimate", words)
     assert status.level == b"\x02"
     assert estimates == []
