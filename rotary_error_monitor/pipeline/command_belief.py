@@ -174,10 +174,11 @@ class CommandBelief:
 
     def _sure(self, what: Compared, found: Step | None) -> Step | None:
         """A step that was found, or is held, once it is told."""
-        if self._steps.begins(what, found):
+        far = self._steps.far(what)
+        if far is not None or (found is not None and not self._steps.is_held):
             self._note_hidden(what.window.duration)
             self._scattering.interrupt()
-        return self._steps.judge(what._replace(hidden=self._hidden), found, self._slope)
+        return self._steps.judge(what._replace(hidden=self._hidden), found, far, self._slope)
 
     def _keep_reach(self, window: Window, last: Window, scatter: float) -> None:
         """Of a window in which a step may have begun, where the distance can be next is told by what was before."""

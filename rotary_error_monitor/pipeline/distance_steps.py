@@ -109,23 +109,20 @@ class DistanceSteps:
             return None
         return Step(size, what.window.number - before.number, before)
 
-    def begins(self, what: Compared, seen: Step | None) -> bool:
-        """Whether something is to be held from this window on."""
-        return (seen is not None and not self.is_held) or self._far(what) is not None
-
-    def _far(self, what: Compared) -> Place | None:
+    def far(self, what: Compared) -> Place | None:
         """Where the distance was told last, where that is too long ago to tell a step and it is another now."""
         before = self.places.plain
         if before is None or self.is_elsewhere or not self.places.is_old(what.window.number):
             return None
         return before if what.change(before) > STEADY * self._farthest + SIGMAS * what.scatter else None
 
-    def judge(self, what: Compared, seen: Step | None, slope: SpeedSlope) -> Step | None:
+    def judge(self, what: Compared, seen: Step | None, far: Place | None, slope: SpeedSlope) -> Step | None:
         """A step of what is held, or has to be: until it is told from what the drive makes as it accelerates.
+
+        Held from this window on are a step that is `seen`, and a distance that is `far` from what it was.
 
         The `slope` knows the course of rotation and distance for longer than the places do, but not while one is held.
         """
-        far = self._far(what)
         if far is not None:
             self._hold(self._elsewhere, far, what, slope)
         if seen is not None and not self.is_held:
