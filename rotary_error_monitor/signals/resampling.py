@@ -27,8 +27,9 @@ FEWEST_TO_FIT = 8
 GUARD = 0.1
 """Last part of a cell that the fit leaves out: a sample in it shows that the rest is complete."""
 
-MARGIN = 0.15
-"""How far, in cells, the first and last sample may lie inside the fitted part."""
+MARGIN = 0.25
+"""How far, in cells, the first and last sample may lie inside the fitted part: one sample may be missing at each end of
+the fewest."""
 
 
 @dataclass(frozen=True)

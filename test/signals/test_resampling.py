@@ -107,6 +107,18 @@ def test_what_interpolation_cannot_follow_bounds_what_it_misses(seed, scatter):
     assert np.median(bound) < 2e-4, "an uncertainty that bounds something"
 
 
+@pytest.mark.parametrize("rate", [8_900.0, 10_000.0, 13_000.0, 50_000.0])
+@pytest.mark.parametrize("place", range(5))
+def test_one_sample_that_is_missing_costs_no_tick(rate, place):
+    """Wherever in a cell it stood: of 11 samples one is lost, and cells are of another number."""
+    times = sampled(rate, 0.4, offset_ns=37_000)
+    times = np.delete(times, np.arange(place, len(times), 11))
+    ticks = tick_times(30, 300, PERIOD)
+    result = resample(times, (2.0 + 40.0 * (times * 1e-9) ** 2)[:, None], ticks, PERIOD, GAP)
+    assert result.valid.all()
+    np.testing.assert_allclose(result.values[:, 0], 2.0 + 40.0 * (ticks * 1e-9) ** 2, atol=1e-12)
+
+
 def test_a_missing_block_leaves_no_value_and_no_neighbour_is_made_up():
     times = sampled(50_000.0, 0.1)
     hole = (times >= 40_000_000) & (times < 45_000_000)
