@@ -122,6 +122,7 @@ class HeadMisplacement(HeadEffect):
     source = _CONTRACT
     parameters = (Parameter("azimuth", "rad", 1e-2, bound=math.pi),)
     rescales = True
+    displaces_instrument = True
 
     def amend(self, stage: StageDescription, values: Values, location: str) -> StageDescription:
         """Move that head."""

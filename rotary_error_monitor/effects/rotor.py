@@ -186,6 +186,7 @@ class StageEffect(Effect[StageDescription]):
         stands_out_in: where its order shows if it is one of a family: `head` for what differs between heads, `command`
             for what they share, and the other streams.
         rescales: whether it changes a signal in proportion to what the signal shows, other causes included.
+        displaces_instrument: whether the instrument itself is elsewhere than stated: as it creeps, its zero may wander.
         listed_unit: SI unit of the listed sensors that alone have it; empty where the unit does not matter.
         warms: whether it goes with the warming of a place: the stage's thermometer, location '', and each thermometer
             that the stage lists are such a place, and hooks get a state with the `warming` of that one.
@@ -194,6 +195,7 @@ class StageEffect(Effect[StageDescription]):
     acts_on: ClassVar[tuple[str, ...]] = (HEAD, AUTOCOLLIMATOR, LVDT, LISTED)
     stands_out_in: ClassVar[tuple[str, ...]] = (HEAD, COMMAND, AUTOCOLLIMATOR, LVDT, LISTED)
     rescales: ClassVar[bool] = False
+    displaces_instrument: ClassVar[bool] = False
     listed_unit: ClassVar[str] = ""
     warms: ClassVar[bool] = False
     searchable: ClassVar[Mapping[Searched, str]] = {Searched.MOMENT: "time", Searched.WAVE: "order"}

@@ -10,7 +10,8 @@ What each kind of sensor shows of the rotor stands in `sensors`.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 from scipy.interpolate import CubicSpline, make_smoothing_spline
@@ -189,6 +190,10 @@ class StageTwin:
         # A sight line beyond the ring, or an overflow, gives a number that is not finite: that is checked.
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             return {name: self._stream(name, (*self.known, *causes), described) for name in wanted}
+
+    def driven_by(self, inputs: StageInputs) -> Self:
+        """The same twin with other inputs."""
+        return replace(self, inputs=inputs, _states={}, _moved={})
 
     @property
     def span(self) -> tuple[float, float]:

@@ -23,6 +23,7 @@ from rotary_error_monitor.gap.departures import (
     percent,
     slow_courses,
 )
+from rotary_error_monitor.kinds.stage.lagging import LAGS, late
 from rotary_error_monitor.kinds.stage.play import Play
 from rotary_error_monitor.sensors.library import instrument_of
 from rotary_error_monitor.twin.stage import StageTwin
@@ -55,6 +56,7 @@ class StageModulations:
         self._top = float(np.max(np.abs(state.omega))) or 1.0
         self._norm = Normaliser(self._quantities(state))
         self._play = play
+        self._late = [late(twin.inputs.warming, duration, lag * duration) for lag in LAGS]
         self._size: tuple[tuple[str, str, bytes, str], float] | None = None
         self._around: dict[tuple[str, str], tuple[int, ...]] = {}
         self._twin, self._few = (
@@ -96,7 +98,16 @@ class StageModulations:
             for wave in state.harmonic(order):
                 rows.append(Modulation(f"place {order}", np.sqrt(2) * wave, _around, True))
         course = np.clip(state.time / self._duration, 0, 1)
-        return [*rows, *(slow_courses(course) if slow else ())]
+        return [*rows, *([*self._lagging(state), *slow_courses(course)] if slow else ())]
+
+    def _lagging(self, state: RotorState) -> list[Modulation]:
+        """What follows the temperature late, beside what follows it at once."""
+        unit, at_once = self._norm.unit("temperature"), self._norm.looks["temperature"]
+        rows = []
+        for lag, course in zip(LAGS, self._late, strict=True) if unit else ():
+            beside = course(state.time) - state.warming - np.mean(course(self._time) - at_once)
+            rows.append(Modulation("temperature", beside / unit, partial(_late, lag * self._duration), True))
+        return rows
 
     def _words(self) -> dict[str, Callable[[float], str]]:
         """What a relative change of a cause by one standard deviation of each quantity is, in words."""
@@ -155,6 +166,10 @@ class StageModulations:
 
     def of_size(self, cause: Cause, signal: Array, stream: str) -> list[Modulation]:
         """Those that follow from what the cause does (n, k) to a stream."""
+        return modulations_by_size(signal, self.size(cause, stream))
+
+    def size(self, cause: Cause, stream: str) -> float:
+        """What a cause does to a stream and to those of the same instrument, root mean square over the recording."""
         name = instrument_of(stream)
         key = (*cause.key, cause.values.tobytes(), name)
         if self._size is None or self._size[0] != key:
@@ -162,7 +177,14 @@ class StageModulations:
             moved = self._moved(self._twin, cause, tuple(alike))
             size = float(np.sqrt(np.mean([np.mean(np.square(values)) for values in moved.values()])))
             self._size = key, size
-        return modulations_by_size(signal, self._size[1])
+        return self._size[1]
+
+    def slow(self, state: RotorState) -> Array:
+        """(n, q) slow courses: none, with temperature, with time, and cosines as of a random walk."""
+        found = self._quantities(state)
+        rows = [np.ones(len(state.time)), *(self._norm(name, found[name]) for name in _SLOW if self._norm.unit(name))]
+        rows += [course.values for course in slow_courses(np.clip(state.time / self._duration, 0, 1))]
+        return np.column_stack(rows)
 
     def jumps(self, cause: Cause) -> bool:
         """Whether what an effect does depends on the sign of the speed and not on its size."""
@@ -174,7 +196,7 @@ class StageModulations:
 
         def change(factor: float) -> float:
             inputs = replace(self._twin.inputs, omega=partial(_scaled, self._twin.inputs.omega, factor))
-            other = self._moved(replace(self._twin, inputs=inputs, _states={}, _moved={}), cause, streams)
+            other = self._moved(self._twin.driven_by(inputs), cause, streams)
             return sum(float(np.sum(np.square(other[name] - plain[name]))) for name in streams)
 
         return change(-1.0) > size and change(2.0) < 1e-3 * size
@@ -216,6 +238,10 @@ def _scaled(function: Callable[[Array], Array], factor: float, time: Array) -> A
 
 def _soft(speed: str, change: float) -> str:
     return f"{'softer' if change < 0 else 'larger'} at low speed ({speed})"
+
+
+def _late(lag: float, change: float) -> str:
+    return f"{grows(change)} with temperature, some {lag:.2g} s behind the thermometer"
 
 
 def _around(change: float) -> str:

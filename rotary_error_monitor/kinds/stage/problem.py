@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import ClassVar
 
@@ -12,18 +11,18 @@ import numpy as np
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.topics import samples_topic
-from rotary_error_monitor.effects.effect import Cause, Role, Searched, among, values_of
+from rotary_error_monitor.effects.effect import Cause, Role, among, values_of
 from rotary_error_monitor.effects.rotor import HEAD, StageEffect
 from rotary_error_monitor.gap.departures import SHARE, Departures, amplitude_sizes, in_proportion, modulated, spread_out
 from rotary_error_monitor.gap.noise_level import NOISIER
 from rotary_error_monitor.gap.problem import Candidate, Columns, Finding, Rows, Share, SparseRows
 from rotary_error_monitor.gap.structure import Track
 from rotary_error_monitor.gap.views import View
+from rotary_error_monitor.kinds.stage.added_forms import AddedForms
 from rotary_error_monitor.kinds.stage.admission import check_extent, check_noise, motion_remarks, noise_remarks
 from rotary_error_monitor.kinds.stage.another import check_stage, left_out
 from rotary_error_monitor.kinds.stage.distortion import distortions
 from rotary_error_monitor.kinds.stage.experiments import advise
-from rotary_error_monitor.kinds.stage.gradual import begun_before, moment_of, ramps, takes_time
 from rotary_error_monitor.kinds.stage.modulations import (
     StageModulations,
     goes_by_another_name,
@@ -36,7 +35,6 @@ from rotary_error_monitor.kinds.stage.noise_learning import NoiseLearning
 from rotary_error_monitor.kinds.stage.nuisances import Nuisances
 from rotary_error_monitor.kinds.stage.of_whole import OfWhole
 from rotary_error_monitor.kinds.stage.offset import offset_figures
-from rotary_error_monitor.kinds.stage.play import stays
 from rotary_error_monitor.kinds.stage.predictions import KEPT, KeptPredictions
 from rotary_error_monitor.kinds.stage.rounding import Rounding
 from rotary_error_monitor.kinds.stage.row_weights import row_weights
@@ -105,6 +103,7 @@ class StageProblem:
         self._learning = NoiseLearning(self, self._signatures, self._nuisances, self._search, self._expected)
         self._learning.begin(raw)
         self._modulations = StageModulations(self.twin, recording.duration, self.play)
+        self._added = AddedForms(self.twin, self.play, self._modulations, self._derivatives)
         self._arc = whole.arc
 
     @property
@@ -201,8 +200,7 @@ class StageProblem:
         around = [self._derivatives(neighbour, linear, ()) for neighbour in neighbours]
         jumps, slow = self._modulations.jumps(cause), self._modulations.may_wander(cause) and form_told
         signatures = self._derivatives(cause, linear, causes)
-        sudden = jumps or cause.effect.searched is Searched.MOMENT
-        kind, say, real = self._no_jumps(cause, causes, signatures) if sudden else ("", stays, {})
+        added = self._added.of(cause, causes, signatures)
         white: Rows = {}
         labels = {"": spread_out((), amplitudes, sizes)}
         proportional: dict[str, tuple[Array, ...]] = {}
@@ -215,21 +213,21 @@ class StageProblem:
                 if form_told:
                     modulations += self._modulations.of_size(cause, signature @ amplitudes, name)
                 beside = [SHARE * sizes * rows[name] for rows in around]
-                beside += [real[name]] if name in real else []
+                beside += [form.signals[name] for form in added if name in form.signals]
                 stacked[name] = modulated(signature, amplitudes, sizes, modulations, beside)
                 labels[name] = spread_out(modulations, amplitudes, sizes)
                 proportional[name] = in_proportion(modulations, sizes, sum(rows.shape[2] for rows in beside))
             white |= self._white(stacked)
         kinds, words, changes = labels[next(reversed(signatures), "")]
         orders = one_by_one(neighbours, SHARE * sizes)
-        others = max((rows.shape[2] for rows in real.values()), default=0)
+        others = [form for form in added for _ in range(form.count)]
         return Departures(
             place,
-            (*kinds, *(order.location for order in orders), *[kind] * others),
-            (*words, *(partial(next_order, order.location) for order in orders), *[say] * others),
-            np.append(changes, np.zeros(len(orders) + others)),
+            (*kinds, *(order.location for order in orders), *(form.kind for form in others)),
+            (*words, *(partial(next_order, order.location) for order in orders), *(form.words for form in others)),
+            np.append(changes, np.zeros(len(orders) + len(others))),
             white,
-            (*(None for _ in kinds), *orders, *[None] * others),
+            (*(None for _ in kinds), *orders, *(None for _ in others)),
             proportional.get(next(reversed(signatures), ""), ()),
         )
 
@@ -241,7 +239,7 @@ class StageProblem:
     def slipped(self, place: int, causes: Sequence[Cause], moments: Array) -> Columns:
         """As `Reversing` asks."""
         stacked: Signals = {}
-        for name, rows in self._staying(causes[place], causes).items():
+        for name, rows in self._added.staying(causes[place], causes).items():
             since = self.play.since(moments, self.twin.times[name])
             stacked[name] = (rows[:, :, None] * since[:, None, :, None]).reshape(*rows.shape[:2], -1)
         return self._white(stacked)
@@ -253,29 +251,6 @@ class StageProblem:
     def doubt(self, causes: Sequence[Cause]) -> str:
         """As `Resembled` asks: more orders than an arc tells apart."""
         return self._arc.doubt(causes, self.channels)
-
-    def _no_jumps(
-        self, cause: Cause, causes: Sequence[Cause], signatures: Signals
-    ) -> tuple[str, Callable[[float], str], Signals]:
-        """What a real thing does in the place of a textbook's jump, beyond modulations of it: kind, words, columns."""
-        linear, amplitudes = linear_values(cause)
-        course: Callable[[Array], Array]
-        if cause.effect.searched is Searched.MOMENT:
-            kind, say, course = "little by little", takes_time, partial(ramps, moment_of(cause))
-            shown = self._derivatives(begun_before(cause), linear, causes)
-        else:
-            kind, say, course = "at rest", stays, self.play.resting
-            shown = {name: rows - signatures[name] for name, rows in self._staying(cause, causes).items()}
-        return (
-            kind,
-            say,
-            {n: (rows @ amplitudes)[:, :, None] * course(self.twin.times[n])[:, None] for n, rows in shown.items()},
-        )
-
-    def _staying(self, cause: Cause, causes: Sequence[Cause]) -> Signals:
-        """Signature (n, k, p) of a cause that stays at rest as it was; textbooks put it back."""
-        remembering = replace(self.twin, inputs=self.play.remembering(), _states={}, _moved={})
-        return self._derivatives(cause, cause.effect.indices(Role.LINEAR), causes, remembering)
 
     def nuisance(self, causes: Sequence[Cause]) -> Columns:
         """White rows of one standard uncertainty of each uncertain parameter."""

@@ -1,0 +1,115 @@
+"""What a real thing does beyond modulations of its textbook form: no jumps, and an instrument's zero that wanders."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Protocol
+
+import numpy as np
+
+from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.effects.effect import Cause, Role, Searched
+from rotary_error_monitor.effects.rotor import StageEffect
+from rotary_error_monitor.gap.departures import SHARE, Words
+from rotary_error_monitor.kinds.stage.gradual import begun_before, moment_of, ramps, takes_time
+from rotary_error_monitor.kinds.stage.lagging import LAGS, all_late
+from rotary_error_monitor.kinds.stage.modulations import StageModulations, linear_values
+from rotary_error_monitor.kinds.stage.play import Play, stays
+from rotary_error_monitor.twin.stage import Signals, StageTwin
+
+
+class Derivatives(Protocol):
+    """Derivatives of what a twin predicts."""
+
+    def __call__(
+        self, cause: Cause, indices: Sequence[int], others: Sequence[Cause], twin: StageTwin | None = None
+    ) -> Signals:
+        """(n, k, p) of the signals that a cause moves, beside others; by another twin, if there is one."""
+
+
+@dataclass(frozen=True)
+class AddedForm:
+    """Columns that no modulation of a cause gives.
+
+    Attributes:
+        kind: departures of one kind are taken together.
+        words: says what it is.
+        signals: (n, k, q) by stream, for one standard deviation of each.
+    """
+
+    kind: str
+    words: Words
+    signals: Signals
+
+    @property
+    def count(self) -> int:
+        """Number of columns."""
+        return max((rows.shape[2] for rows in self.signals.values()), default=0)
+
+
+class AddedForms:
+    """Those of the effects of one recording."""
+
+    def __init__(self, twin: StageTwin, play: Play, modulations: StageModulations, derivatives: Derivatives) -> None:
+        self._twin, self._play, self._modulations, self._derivatives = twin, play, modulations, derivatives
+
+    def of(self, cause: Cause, causes: Sequence[Cause], signatures: Signals) -> list[AddedForm]:
+        """Those of a cause beside others, of which these are the signatures (n, k, p)."""
+        effect = cause.effect
+        assert isinstance(effect, StageEffect)
+        found = []
+        if effect.searched is Searched.MOMENT or self._modulations.jumps(cause):
+            found.append(self._no_jump(cause, causes, signatures))
+        if effect.displaces_instrument:
+            zeros = {name: self._zeros(cause, name, rows.shape[1]) for name, rows in signatures.items()}
+            found.append(AddedForm("zero", zero_wanders, zeros))
+        if effect.warms:
+            found.append(self._lagging(cause, causes, signatures))
+        return found
+
+    def staying(self, cause: Cause, causes: Sequence[Cause]) -> Signals:
+        """Signature (n, k, p) of a cause that stays at rest as it was; textbooks put it back."""
+        remembering = self._twin.driven_by(self._play.remembering())
+        return self._derivatives(cause, cause.effect.indices(Role.LINEAR), causes, remembering)
+
+    def _no_jump(self, cause: Cause, causes: Sequence[Cause], signatures: Signals) -> AddedForm:
+        """What comes in the place of a textbook's jump."""
+        linear, amplitudes = linear_values(cause)
+        course: Callable[[Array], Array]
+        if cause.effect.searched is Searched.MOMENT:
+            kind, words, course = "little by little", takes_time, partial(ramps, moment_of(cause))
+            shown = self._derivatives(begun_before(cause), linear, causes)
+        else:
+            kind, words, course = "at rest", stays, self._play.resting
+            shown = {name: rows - signatures[name] for name, rows in self.staying(cause, causes).items()}
+        moved = {name: (rows @ amplitudes)[:, :, None] for name, rows in shown.items()}
+        return AddedForm(kind, words, {n: rows * course(self._twin.times[n])[:, None] for n, rows in moved.items()})
+
+    def _lagging(self, cause: Cause, causes: Sequence[Cause], signatures: Signals) -> AddedForm:
+        """What goes with a temperature goes with that of a part, which lags; each lag may hold in full."""
+        linear, amplitudes = linear_values(cause)
+        duration = self._play.duration
+        parts: dict[str, list[Array]] = {name: [] for name in signatures}
+        for lag in LAGS:
+            twin = self._twin.driven_by(all_late(self._twin.inputs, duration, lag * duration))
+            for name, rows in self._derivatives(cause, linear, causes, twin).items():
+                parts[name].append((rows - signatures[name]) @ amplitudes)
+        return AddedForm("lag", lags, {name: np.stack(part, axis=2) for name, part in parts.items()})
+
+    def _zeros(self, cause: Cause, stream: str, components: int) -> Array:
+        """(n, k, q) each component of a stream in each slow course, as large as what the cause does there."""
+        courses = self._modulations.slow(self._twin.state(stream))
+        each = SHARE * self._modulations.size(cause, stream) * np.eye(components)
+        return (each[:, :, None] * courses[:, None, None, :]).reshape(len(courses), components, -1)
+
+
+def lags(change: float) -> str:
+    """Words for what is later than the thermometer."""
+    return "lags behind the thermometer"
+
+
+def zero_wanders(change: float) -> str:
+    """Words for an instrument that what displaced it displaces further."""
+    return "its zero wanders as it warms or with time"
