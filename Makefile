@@ -101,7 +101,7 @@ SWEPT := $(addprefix test/,$(addprefix analysis/test_,motion.py probes.py) bench
 	$(addprefix recordings/test_,compare_bounds.py compare_rates.py) \
 	$(addprefix reproduction/test_,lou2019.py pan2013.py pan2013_rates.py zhou2023.py))
 RATES := $(CELL_RATES) $(MODEL_RATES) $(SWEPT)
-# `make test` takes a third of the random stages that these draw (test/draws.py), `make rates` all of them.
+# `make test` takes a quarter of the random stages that these draw (test/draws.py), `make rates` all of them.
 DRAWN := $(addprefix test/,analysis/test_trend.py analysis/test_whole_recording.py bags/test_writer.py blind_check/test_blind_check.py \
 	$(addprefix calibration/test_,axis_table.py collimator_rates.py) cases/test_cases.py \
 	$(addprefix commissioning/test_,command.py late_instruments.py travel.py) \

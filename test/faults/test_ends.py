@@ -46,20 +46,20 @@ wrong for a head, at a speed at which its stamps outweigh its noise, while the c
 
 @cache
 def cases() -> dict[tuple[str, int], Ended]:
-    """Every fault on one of the stages, or on each."""
+    """Every other fault on one of the stages, or all on each."""
     stages = list(islice((n for n in count(20) if len(random_stage(n)["encoder"]["heads"]) >= HEADS), STAGES))
     chosen = [
         (name, number)
         for place, name in enumerate(SUDDEN)
         for turn, number in enumerate(stages)
-        if ALL or (place + turn) % STAGES == 0
+        if ALL or (place + turn) % (2 * STAGES) == 0
     ]
     found = {case: ended(*case) for case in chosen}
     return {case: each for case, each in found.items() if each is not None}
 
 
 def test_what_is_published_is_right_while_the_fault_acts_and_when_it_ends():
-    assert len(cases()) > 0.8 * len(SUDDEN) * (STAGES if ALL else 1)
+    assert len(cases()) > 0.8 * len(SUDDEN) * (STAGES if ALL else 0.5)
     assert not {case: each.wrong for case, each in cases().items() if each.wrong > MOST_WRONG}
 
 

@@ -278,7 +278,7 @@ def test_joint_states_that_begin_wrong(seed, count, wrong):
     )
 )
 @pytest.mark.parametrize("ahead", [0.03, 0.06, 0.09])
-@pytest.mark.parametrize("seed", range(SEEDS.start, SEEDS.stop + 1))
+@pytest.mark.parametrize("seed", SEEDS)
 def test_a_joint_state_that_is_stamped_ahead(seed, ahead):
     _, begin, _ = drawn(seed)
     found = run(Machine(seed), ahead=lambda t: ahead if begin <= t < begin + 0.01 else 0.0)
@@ -309,7 +309,7 @@ def old_again(share: float, begin: float, end: float, draw: np.random.Generator)
     )
 )
 @pytest.mark.parametrize("share", [1.0, None], ids=["all", "some"])
-@pytest.mark.parametrize("seed", range(SEEDS.start, SEEDS.stop + 1))
+@pytest.mark.parametrize("seed", SEEDS)
 def test_joint_states_that_repeat_an_old_stamp(seed, share):
     draw, begin, end = drawn(seed)
     part = draw.uniform(0.05, 0.9) if share is None else share

@@ -381,7 +381,7 @@ def test_heads_that_contradict_one_another_for_no_known_reason_publish_nothing()
     wrong=st.sampled_from("abcd"),
     size=st.floats(2e-4, 1.0),
 )
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=10)
 def test_before_all_heads_that_are_awaited_have_begun_none_of_them_is_believed(begins, wrong, size):
     """Three heads contradict nothing: where one of them is wrong, only the fourth tells."""
     heads = [f"head_{letter}" for letter in AZIMUTHS]
@@ -417,7 +417,7 @@ def test_a_replay_repeats_what_the_live_run_decided():
     assert_same_bits(again, live)
 
 
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=10)
 @given(
     st.sampled_from([(10_000.0, 0.005), (10_000.0, 0.02), (50_000.0, 0.003), (1_000.0, 0.02), (400.0, 0.05)]),
     st.integers(0, 10_000),
