@@ -122,12 +122,10 @@ def _judge_settled(problem: Problem, chosen: Step, false_alarms: float) -> Judge
         fit, departing = fit.without_data(), departing.without_data()
         own = weigh_against_unknown(problem, departing, (), chosen.log_alarm, chosen.table.effects)
         posteriors = _settled_with_departures(problem, chosen, own, false_alarms)
-        if posteriors:
-            _, best = _likeliest([(chosen, posterior) for posterior in posteriors])
-            return _believed(chosen, best, posteriors)
-        if is_likelier_instead(own):
-            return None
-    elif is_likelier_instead(weigh_against_unknown(problem, fit, (), chosen.log_alarm, chosen.table.effects)):
+        _, best = _likeliest([(chosen, posterior) for posterior in posteriors])
+        # Where something unknown is likelier than causes that depart as far, their textbook forms are refuted as well.
+        return _believed(chosen, best, posteriors) if best.likelier else None
+    if is_likelier_instead(weigh_against_unknown(problem, fit, (), chosen.log_alarm, chosen.table.effects)):
         return None
     return _in_textbook_forms(problem, chosen, fit, needless)
 
@@ -242,14 +240,10 @@ def _log_evidence(step: Step, fit: Fit) -> float:
 
 
 def _settled_with_departures(problem: Problem, step: Step, own: Posterior, false_alarms: float) -> list[Posterior]:
-    """Causes that leave only noise, with the departures that show nonetheless, and others that depart less.
-
-    Empty where something unknown is likelier than causes that depart as far.
-    """
+    """Causes that leave only noise, with the departures that show nonetheless, and others in their places."""
     seen = {_keys(step.fit)}
     rivals = [other for causes in rivals_of(step) for other in weigh_causes(problem, step, causes, seen, false_alarms)]
-    found = [own, *(other for other in rivals if other.settled)]
-    return [posterior for posterior in found if posterior.likelier]
+    return [own, *(other for other in rivals if other.settled)]
 
 
 def _believed(step: Step, best: Posterior, others: list[Posterior]) -> Judgement:

@@ -75,7 +75,7 @@ def _posterior(problem: Problem, step: Step, causes: tuple[Cause, ...], false_al
         departing = with_departures(problem, fit, false_alarms)
         best = beside_proportional(best, departing)
         if departing is not fit and _predicts(problem, weighed := weigh_fit(problem, step, departing), fit):
-            both = best.settled and weighed.settled and weighed.likelier
+            both = best.settled and weighed.settled
             best = max(best, weighed, key=lambda form: marginal_likelihood(form.fit) if both else form.total)
     needless, instead = departures_instead(problem, step, best.fit)
     return instead[0] if instead else replace(best, fit=best.fit.without_data(), needless=needless)
