@@ -105,9 +105,12 @@ def test_a_cause_with_a_fair_departure_explains(judged, share):
             assert told.verdict is Verdict.PARTLY_EXPLAINED and told.findings
 
 
-def test_what_departs_by_a_third_is_as_well_something_unknown(judged):
-    """Something unknown resembles a known effect to a third more often than that departs so far."""
-    outcomes = judged(lambda first, other: (20 * first * (1 + 0.33 * WARMTH), 0 * first))
+@pytest.mark.parametrize(("share", "blind"), [(0.33, False), (0.33, True), (0.6, True)])
+def test_what_departs_by_a_third_is_as_well_something_unknown(judged, share, blind):
+    """Something unknown resembles a known effect to a third more often than that departs so far, whether its textbook
+    form leaves what the tests see or what the evidence of the departure alone tells.
+    """
+    outcomes = judged(lambda first, other: (20 * first * (1 + share * WARMTH), 0 * first), blind=blind)
     assert rate(outcomes, Verdict.UNKNOWN, ()) > 0.9
 
 
