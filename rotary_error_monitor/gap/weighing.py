@@ -71,7 +71,7 @@ def _posterior(problem: Problem, step: Step, causes: tuple[Cause, ...], false_al
     """
     fit = fit_causes(problem, causes)
     best = weigh_fit(problem, step, fit)
-    if best.near:
+    if best.near or best.settled:
         departing = with_departures(problem, fit, false_alarms)
         best = beside_proportional(best, departing)
         if departing is not fit and _predicts(problem, weighed := weigh_fit(problem, step, departing), fit):
