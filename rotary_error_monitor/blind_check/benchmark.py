@@ -12,9 +12,10 @@ import multiprocessing
 import secrets
 import shutil
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing.connection import Connection
+from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +42,7 @@ class Benchmark:
 
 
 def run_benchmark(
-    plans: Sequence[CasePlan], announce: Callable[[str], None], progress: Callable[[], None]
+    plans: Sequence[CasePlan], announce: Callable[[str], None], progress: Callable[[], None], jobs: int = 1
 ) -> Benchmark:
     """Make, diagnose, open and score.
 
@@ -49,50 +50,75 @@ def run_benchmark(
         plans: what to make.
         announce: is given the hash of the sealed truth before the first diagnosis.
         progress: called when a case is made, and again when it is diagnosed.
+        jobs: cases that are made, and then diagnosed, at the same time.
 
     Raises:
         InputError: a process failed, or the opened truth is not the promised one.
     """
-    context = multiprocessing.get_context("spawn")
-    maker, maker_end = context.Pipe()
-    solver, solver_end = context.Pipe()
-    with tempfile.TemporaryDirectory(prefix="gap_benchmark_") as folder:
-        workers = (
-            context.Process(target=_keep_cases, args=(maker_end, tuple(plans), Path(folder)), daemon=True),
-            context.Process(target=diagnose_cases, args=(solver_end,), daemon=True),
-        )
-        try:
-            for worker in workers:
-                worker.start()
-            for _ in plans:
-                _answer(maker)
-                progress()
-            promised = str(_answer(maker))
+    with tempfile.TemporaryDirectory(prefix="gap_benchmark_") as name:
+        folder, questions = Path(name), [(Path(name) / plan.name, plan.left_out) for plan in plans]
+
+        def diagnosed(place: int) -> None:
+            shutil.rmtree(questions[place][0])
+            progress()
+
+        with _processes(_keep_cases, jobs, folder) as makers:
+            _ask(makers, plans, lambda place: progress())
+            promised = _joined_hash(_of_each(makers))
             announce(promised)
-            answers = [_one_case(plan, solver, Path(folder), progress) for plan in plans]
-            maker.send(None)
-            sealed = str(_answer(maker))
-        finally:
-            for worker in workers:
-                worker.terminate()
-                worker.join()
-    opened = hashlib.sha256(sealed.encode()).hexdigest()
+            with _processes(diagnose_cases, jobs) as solvers:
+                answers = _ask(solvers, questions, diagnosed)
+            sealed = [str(each) for each in _of_each(makers)]
+    opened = _joined_hash([_hash(each) for each in sealed])
     if opened != promised:
         raise InputError(f"the opened truth has hash {opened}, but {promised} was promised")
-    truths = json.loads(sealed)["truths"]
-    outcomes = [score_case(plan, truth, *answer) for plan, truth, answer in zip(plans, truths, answers, strict=True)]
+    truths = {name: truth for each in sealed for name, truth in json.loads(each)["truths"].items()}
+    outcomes = [score_case(plan, truths[plan.name], *answer) for plan, answer in zip(plans, answers, strict=True)]
     return Benchmark(opened, tuple(outcomes))
 
 
-def _one_case(
-    plan: CasePlan, solver: Connection, folder: Path, progress: Callable[[], None]
-) -> tuple[dict[str, Any], float]:
-    place = folder / plan.name
-    solver.send((place, plan.left_out))
-    diagnosis, seconds = _answer(solver)
-    shutil.rmtree(place)
-    progress()
-    return diagnosis, seconds
+@contextmanager
+def _processes(target: Callable[..., None], count: int, *arguments: object) -> Iterator[list[Connection]]:
+    """So many processes that are given one end of a connection each; the other ends."""
+    context = multiprocessing.get_context("spawn")
+    pipes = [context.Pipe() for _ in range(count)]
+    workers = [context.Process(target=target, args=(end, *arguments), daemon=True) for _, end in pipes]
+    try:
+        for worker in workers:
+            worker.start()
+        yield [own for own, _ in pipes]
+    finally:
+        for worker in workers:
+            worker.terminate()
+        for worker in workers:
+            worker.join()
+
+
+def _ask(processes: Sequence[Connection], questions: Sequence[object], answered: Callable[[int], None]) -> list[Answer]:
+    """The answers to questions, in their order; each question goes to the process that is free first."""
+    answers: list[Answer] = [None] * len(questions)
+    asked: dict[Connection, int] = {}
+    free, left = list(processes), iter(range(len(questions)))
+    while free or asked:
+        for process in free:
+            if (place := next(left, None)) is not None:
+                process.send(questions[place])
+                asked[process] = place
+        free = [each for each in wait(list(asked), PATIENCE) if isinstance(each, Connection)] if asked else []
+        if asked and not free:
+            raise InputError(f"a process of the benchmark did not answer within {PATIENCE:.0f} s")
+        for process in free:
+            place = asked.pop(process)
+            answers[place] = _answer(process)
+            answered(place)
+    return answers
+
+
+def _of_each(processes: Sequence[Connection]) -> list[Answer]:
+    """What each process says when there is no more to do."""
+    for process in processes:
+        process.send(None)
+    return [_answer(process) for process in processes]
 
 
 def _answer(connection: Connection) -> Answer:
@@ -107,19 +133,28 @@ def _answer(connection: Connection) -> Answer:
     return answer
 
 
-def _keep_cases(connection: Connection, plans: tuple[CasePlan, ...], folder: Path) -> None:
+def _keep_cases(connection: Connection, folder: Path) -> None:
     """Process that makes cases: writes bags and twins, and keeps the truth to itself until it is asked for."""
     try:
-        truths = []
-        for plan in plans:
-            truths.append(write_plan(plan, folder / plan.name))
+        truths = {}
+        while (plan := connection.recv()) is not None:
+            truths[plan.name] = write_plan(plan, folder / plan.name)
             connection.send(True)
         sealed = json.dumps({"salt": secrets.token_hex(16), "truths": truths})
-        connection.send(hashlib.sha256(sealed.encode()).hexdigest())
+        connection.send(_hash(sealed))
         connection.recv()
         connection.send(sealed)
     except Exception as error:  # told to the other side, which cannot see this process
         connection.send(error)
+
+
+def _hash(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _joined_hash(hashes: Sequence[str]) -> str:
+    """One hash of what several processes keep: their own, where there is one."""
+    return hashes[0] if len(hashes) == 1 else _hash("\n".join(hashes))
 
 
 def write_plan(plan: CasePlan, place: Path) -> dict[str, Any]:

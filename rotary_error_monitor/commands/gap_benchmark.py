@@ -46,6 +46,13 @@ def add(parser: argparse.ArgumentParser) -> None:
         help="cases of this group only; may be given again (variant: the effect departs from its textbook form; loud: "
         "a pair, one far louder; mimic: half of a known effect, which is none; noise: not as the twin states it)",
     )
+    parser.add_argument(
+        "--jobs",
+        type=int,
+        default=1,
+        metavar="N",
+        help="cases at the same time (default: 1; beside others each takes longer than a user would wait)",
+    )
     parser.add_argument("-o", "--output", type=Path, metavar="OUT.json", help="every outcome, for tables of your own")
     parser.add_argument(
         "--reliability",
@@ -84,13 +91,18 @@ def _run_cases(arguments: argparse.Namespace) -> list[Told]:
     """Run the check and print its tables; gives the probabilities of named causes."""
     if arguments.cases < 1:
         raise InputError(f"--cases is {arguments.cases}; it must be at least 1")
+    if arguments.jobs < 1:
+        raise InputError(f"--jobs is {arguments.jobs}; it must be at least 1")
     families, floors = _FAMILIES[arguments.family], _FLOORS[arguments.floor]
     plans = plan_cases(arguments.seed, arguments.cases, families, floors, arguments.group)
     if not plans:
         raise InputError(f"--group {arguments.group[0]} has no cases of family {arguments.family}; give --family stage")
     with tqdm(total=2 * len(plans), desc="gap-benchmark", unit="step", disable=None, file=sys.stderr) as bar:
         result = run_benchmark(
-            plans, lambda seal: print(f"sealed truth: sha256 {seal}", flush=True), lambda: _step(bar)
+            plans,
+            lambda seal: print(f"sealed truth: sha256 {seal}", flush=True),
+            lambda: _step(bar),
+            min(arguments.jobs, len(plans)),
         )
     print(f"opened truth: sha256 {result.opened}\n")
     print(format_scores(result.outcomes))

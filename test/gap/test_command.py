@@ -213,4 +213,12 @@ def test_the_benchmark_opens_what_it_sealed(tmp_path, capsys):
     content = json.loads(out.read_text())
     assert content["sha256"] == sealed
     assert sum(row["right"] for row in content["outcomes"]) == len(content["outcomes"]) == 6
+    assert main(["gap-benchmark", *arguments, *chosen, "--jobs", "2"]) == 0
+    printed = capsys.readouterr().out
+    again = json.loads(out.read_text())
+    assert f"opened truth: sha256 {printed.splitlines()[0].split()[-1]}" in printed
+    assert [row | {"seconds": 0.0} for row in again["outcomes"]] == [
+        row | {"seconds": 0.0} for row in content["outcomes"]
+    ]
     assert main(["gap-benchmark", "--cases", "0"]) == 2
+    assert main(["gap-benchmark", "--jobs", "0"]) == 2
