@@ -101,12 +101,12 @@ class StageModulations:
         return [*rows, *([*self._lagging(state), *slow_courses(course)] if slow else ())]
 
     def _lagging(self, state: RotorState) -> list[Modulation]:
-        """What follows the temperature late, beside what follows it at once."""
-        unit, at_once = self._norm.unit("temperature"), self._norm.looks["temperature"]
+        """What follows the temperature late, or in part at once and in part late."""
+        unit, courses = self._norm.unit("temperature"), (self._twin.inputs.warming, *self._late)
         rows = []
-        for lag, course in zip(LAGS, self._late, strict=True) if unit else ():
-            beside = course(state.time) - state.warming - np.mean(course(self._time) - at_once)
-            rows.append(Modulation("temperature", beside / unit, partial(_late, lag * self._duration), True))
+        for lag, course in zip((0.0, *LAGS), courses, strict=True) if unit else ():
+            values = (course(state.time) - np.mean(course(self._time))) / unit
+            rows.append(Modulation("lagging temperature", values, partial(_late, lag * self._duration), True))
         return rows
 
     def _words(self) -> dict[str, Callable[[float], str]]:
@@ -241,7 +241,7 @@ def _soft(speed: str, change: float) -> str:
 
 
 def _late(lag: float, change: float) -> str:
-    return f"{grows(change)} with temperature, some {lag:.2g} s behind the thermometer"
+    return f"{grows(change)} with temperature" + (f", some {lag:.2g} s behind the thermometer" if lag else "")
 
 
 def _around(change: float) -> str:
