@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from dataclasses import replace
+from multiprocessing.connection import Connection
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from rotary_error_monitor.blind_check.cases import (
     write_case,
     write_elsewhere,
 )
+from rotary_error_monitor.blind_check.processes import ask, processes
 from rotary_error_monitor.blind_check.score_tables import format_scores
 from rotary_error_monitor.blind_check.scores import score_case
 from rotary_error_monitor.blind_check.sizes import departure_beyond_uncertainty, sizes_beyond_uncertainty
@@ -116,6 +118,11 @@ def test_cases_of_some_groups_only():
     with pytest.raises(SystemExit, match="2"):
         main(["gap-benchmark", "--group", "nul"])
     assert main(["gap-benchmark", "--group", "new speed", "--family", "machine"]) == 2
+
+
+def test_a_process_that_ends_before_its_time_is_told_at_once():
+    with processes(Connection.close, 2) as made, pytest.raises(InputError, match="ended before its time"):
+        ask(made, ["a case"], lambda place: None)
 
 
 def test_a_machine_has_no_other_speed(tmp_path):
