@@ -20,7 +20,7 @@ LOCKS := requirements/build.lock requirements/cell.lock
 UV_COMPILE := build/lock/bin/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes \
 	--no-annotate --no-header --upgrade
 
-.PHONY: help setup bytecode run run-linuxcnc test test-live test-models test-others test-models-rates test-faults-rates test-others-rates test-python312 rates lint bench fuzz soak faults faults-doc docs lock policy clean
+.PHONY: help setup bytecode run run-linuxcnc test test-live test-models test-others test-samples test-models-rates test-faults-rates test-others-rates test-python312 rates lint bench fuzz soak faults faults-doc docs lock policy clean
 
 help: ## what the targets do
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -111,7 +111,8 @@ DRAWN := $(addprefix test/,analysis/test_trend.py analysis/test_whole_recording.
 	$(addprefix kinds/quadrature/test_,noise.py problem.py) \
 	noise/test_listed_noise.py \
 	$(addprefix kinds/stage/test_,added_forms.py arc.py diagnosis.py forces.py) \
-	nodes/test_stage_files.py pipeline/test_common_turns.py)
+	nodes/test_stage_files.py pipeline/test_common_turns.py recordings/test_measured_curves.py)
+SAMPLES := $(addprefix test/,bags faults pipeline recordings signals)
 MODELS := $(addprefix test/,calibration effects gap kinds machine metrology noise sensors twin)
 
 # What is marked `long` shows in minutes what others show in seconds: it is for `make rates`, and SWEEPS=1 make test-live.
@@ -124,11 +125,11 @@ COVERED := $(BIN)/python $(if $(MEASURED),-m coverage run)
 # What failed stands once more at the end, where half an hour of output ends: whoever reads only that sees it.
 FAILED := build/failed_tests.txt
 # All at once, each of about as much work as any other, so that none is left to run alone: the live ones mostly wait.
-PARTS := test-live test-others test-faults-rates test-others-rates test-models-rates test-models lint
+PARTS := test-live test-others test-samples test-faults-rates test-others-rates test-models-rates test-models lint
 test: bytecode ## lint, type check and all tests, with coverage of at least 90 % (ALSO=test-python312: that beside them)
 	$(if $(MEASURED),$(BIN)/python -m coverage erase)
 	@mkdir -p $(dir $(FAILED)) && : > $(FAILED)
-	FAILED_TESTS=$(CURDIR)/$(FAILED) $(MAKE) --no-print-directory --jobs 8 --keep-going --output-sync=target $(PARTS) $(ALSO) \
+	FAILED_TESTS=$(CURDIR)/$(FAILED) $(MAKE) --no-print-directory --jobs 9 --keep-going --output-sync=target $(PARTS) $(ALSO) \
 		|| { cat $(FAILED); exit 1; }
 	$(if $(MEASURED),$(BIN)/python -m coverage combine --quiet)
 	$(if $(MEASURED),$(BIN)/python -m coverage report)
@@ -139,8 +140,11 @@ test-live:
 test-models:
 	$(BESIDE) $(COVERED) $(call PYTEST,$(RATES),$(MODELS))
 
+test-samples:
+	$(BESIDE) $(COVERED) $(call PYTEST,$(LIVE) $(RATES),$(SAMPLES))
+
 test-others:
-	$(BESIDE) $(COVERED) $(call PYTEST,$(LIVE) $(MODELS) $(RATES))
+	$(BESIDE) $(COVERED) $(call PYTEST,$(LIVE) $(SAMPLES) $(MODELS) $(RATES))
 
 test-models-rates:
 	$(BESIDE) $(BIN)/python $(call PYTEST,,$(MODEL_RATES))

@@ -12,7 +12,15 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 LONG = tuple(f"@pytest.mark.{word}" for word in ("long", "few("))
-PARTS = ("test-live", "test-models", "test-others", "test-models-rates", "test-faults-rates", "test-others-rates")
+PARTS = (
+    "test-live",
+    "test-models",
+    "test-others",
+    "test-samples",
+    "test-models-rates",
+    "test-faults-rates",
+    "test-others-rates",
+)
 
 
 def is_below(path, places):

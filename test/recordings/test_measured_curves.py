@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from drawn_curves import DrawnCurves
+from draws import seeds
 from pushed_inputs import push_block
 
 from rotary_error_monitor.bags.reader import BagReader
@@ -26,7 +27,7 @@ from rotary_error_monitor.pipeline.estimation import Estimator
 from rotary_error_monitor.recordings.replay import replay_bag
 from rotary_error_monitor.twin.stage import twin_of
 
-SEEDS = (3, 4, 5)
+SEEDS = seeds(3, 3)
 EFFECTS = load_effects(StageEffect)
 
 
