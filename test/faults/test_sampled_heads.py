@@ -50,12 +50,12 @@ def test_nor_is_it_where_no_command_is_heard():
 @pytest.mark.parametrize("fault", ["head_jumps_line", "head_late"])
 def test_a_head_that_is_off_is_told_all_the_same(fault):
     told, wrong = [], []
-    for seed in seeds(18):
+    for seed in seeds(24):
         changed = FAULTS[fault](recorded(seed), np.random.default_rng(seed))
         found = judge(changed.recording, recorded(seed).stage)
         told.append(any(name.startswith("head") for name in found.doubted))
         wrong.append(found.worst)
-    assert np.mean(told) >= 0.8, told
+    assert np.mean(told) > 0.8, told
     assert np.mean(wrong) <= MOST_WRONG, wrong
 
 
@@ -71,6 +71,6 @@ def test_a_step_of_all_heads_or_of_the_command_is_told_wherever_it_falls(which):
         found = judge(recording.with_topics(changed), recording.stage)
         told.append("command" in found.doubted or "heads" in found.doubted)
         wrong.append(found.worst)
-    assert np.mean(told) >= 0.8, told
+    assert np.mean(told) > 0.8, told
     assert max(wrong) <= 0.1 / 3.0, wrong
     assert np.mean(wrong) <= 2.0 * MOST_WRONG, "it is told within some of their samples"

@@ -55,12 +55,19 @@ class AddedForms:
     def __init__(self, twin: StageTwin, play: Play, modulations: StageModulations, derivatives: Derivatives) -> None:
         self._twin, self._play, self._modulations, self._derivatives = twin, play, modulations, derivatives
 
-    def of(self, cause: Cause, causes: Sequence[Cause], signatures: Signals) -> list[AddedForm]:
-        """Those of a cause beside others, of which these are the signatures (n, k, p)."""
+    def of(self, cause: Cause, causes: Sequence[Cause], signatures: Signals, jumps: bool) -> list[AddedForm]:
+        """Those of a cause beside others.
+
+        Args:
+            cause: as fitted.
+            causes: all that are fitted.
+            signatures: (n, k, p) of the cause by stream.
+            jumps: whether its textbook form jumps where the rotor turns back.
+        """
         effect = cause.effect
         assert isinstance(effect, StageEffect)
         found = []
-        if effect.searched is Searched.MOMENT or self._modulations.jumps(cause):
+        if effect.searched is Searched.MOMENT or jumps:
             found.append(self._no_jump(cause, causes, signatures))
         if effect.displaces_instrument:
             zeros = {name: self._zeros(cause, name, rows.shape[1]) for name, rows in signatures.items()}

@@ -200,7 +200,7 @@ class StageProblem:
         around = [self._derivatives(neighbour, linear, ()) for neighbour in neighbours]
         jumps, slow = self._modulations.jumps(cause), self._modulations.may_wander(cause) and form_told
         signatures = self._derivatives(cause, linear, causes)
-        added = self._added.of(cause, causes, signatures)
+        added = self._added.of(cause, causes, signatures, jumps)
         white: Rows = {}
         labels = {"": spread_out((), amplitudes, sizes)}
         proportional: dict[str, tuple[Array, ...]] = {}
