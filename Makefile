@@ -106,12 +106,12 @@ DRAWN := $(addprefix test/,analysis/test_trend.py analysis/test_whole_recording.
 	$(addprefix calibration/test_,axis_table.py collimator_rates.py) cases/test_cases.py \
 	$(addprefix commissioning/test_,command.py late_instruments.py travel.py) \
 	$(addprefix faults/test_,all_late.py begin.py calibrated.py common_zero.py ends.py fast_stages.py few_heads.py \
-	gaps.py giving_drives.py recordings.py recovery.py responses.py sampled_commands.py \
+	gaps.py giving_drives.py machine_faults.py recordings.py recovery.py responses.py sampled_commands.py \
 	sampled_heads.py scattered_samples.py) $(addprefix kinds/mount/test_,periods.py problem.py slow_noise.py) \
 	$(addprefix kinds/quadrature/test_,noise.py problem.py) \
 	noise/test_listed_noise.py \
 	$(addprefix kinds/stage/test_,added_forms.py arc.py diagnosis.py forces.py) \
-	nodes/test_stage_files.py pipeline/test_common_turns.py recordings/test_measured_curves.py)
+	nodes/test_stage_files.py $(addprefix pipeline/test_,common_turns.py estimation.py joint_checks.py) recordings/test_measured_curves.py)
 SAMPLES := $(addprefix test/,bags faults pipeline recordings signals)
 MODELS := $(addprefix test/,calibration effects gap kinds machine metrology noise sensors twin)
 

@@ -11,11 +11,12 @@ from functools import cache
 
 import numpy as np
 import pytest
+from draws import ALL
 
 from faults.documenting import Row, shows
 from faults.machine_run import MACHINE, Machine, Run, compare, run
 
-SEEDS = range(11, 11 + int(os.environ.get("FAULT_SEEDS", "1")))
+SEEDS = range(11, 11 + int(os.environ.get("FAULT_SEEDS", "2" if ALL else "1")))
 RECOVERY = 1.0
 """Time after the end of a fault within which corrections are again what they would be without it, s."""
 

@@ -7,6 +7,7 @@ import re
 
 import numpy as np
 import pytest
+from draws import ALL
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from motion_numbers import assert_same_bits, decisions_of, numbers_of
@@ -381,7 +382,7 @@ def test_heads_that_contradict_one_another_for_no_known_reason_publish_nothing()
     wrong=st.sampled_from("abcd"),
     size=st.floats(2e-4, 1.0),
 )
-@settings(deadline=None, max_examples=10)
+@settings(deadline=None, max_examples=25 if ALL else 10)
 def test_before_all_heads_that_are_awaited_have_begun_none_of_them_is_believed(begins, wrong, size):
     """Three heads contradict nothing: where one of them is wrong, only the fourth tells."""
     heads = [f"head_{letter}" for letter in AZIMUTHS]
@@ -417,7 +418,7 @@ def test_a_replay_repeats_what_the_live_run_decided():
     assert_same_bits(again, live)
 
 
-@settings(deadline=None, max_examples=10)
+@settings(deadline=None, max_examples=25 if ALL else 10)
 @given(
     st.sampled_from([(10_000.0, 0.005), (10_000.0, 0.02), (50_000.0, 0.003), (1_000.0, 0.02), (400.0, 0.05)]),
     st.integers(0, 10_000),

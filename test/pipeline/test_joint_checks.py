@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from draws import ALL
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -207,7 +208,7 @@ def test_an_axis_that_stands_at_once_though_it_cannot_brake_as_fast_is_frozen(se
     assert set(said[stamps > 0.2]) == {""}, "believed as soon as it is where the axis is"
 
 
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=300 if ALL else 100)
 @given(
     seed=st.integers(0, 2**31),
     rate=st.sampled_from([5.0, 20.0, 50.0, 100.0, 333.0, 1000.0]),
