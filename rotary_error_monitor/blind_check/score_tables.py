@@ -27,11 +27,18 @@ def format_scores(outcomes: Sequence[Outcome]) -> str:
                 parts.append(f"== {family}, {'as on a shop floor' if rough else 'clean'}")
                 parts += [_by_group(own), _by_effect(own), _by_size(own), _by_departure(own)]
                 parts += [_by_lvdt(own), _elsewhere_table(own)] if family == "stage" else []
-    parts.append(_mimics(outcomes))
+    parts += [_mimics(outcomes), _refusals(outcomes)]
     parts.append(format_calibration("named causes", [pair for o in outcomes for pair in o.probabilities]))
     parts.append(format_calibration("ranked candidates, 1 % and more", [pair for o in outcomes for pair in o.ranked]))
     parts.append(_parameters(outcomes))
     return "\n\n".join(part for part in parts if part)
+
+
+def _refusals(outcomes: Sequence[Outcome]) -> str:
+    """Cases that were refused, each with what makes it again and the reason."""
+    refused = [outcome for outcome in outcomes if outcome.refusal]
+    lines = [f"refused: {o.plan.group} of seed {o.plan.seed} ({', '.join(o.effects)}): {o.refusal}" for o in refused]
+    return "\n".join(lines)
 
 
 def _findable(outcome: Outcome) -> bool:

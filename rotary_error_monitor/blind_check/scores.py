@@ -49,6 +49,8 @@ class Outcome:
         ranked: probabilities of all candidates that are given one of `LEAST_RANKED` or more, with whether each was one.
         within: parameters within 3 of their standard deviations, of how many.
         within_departure: the same with the width of the departure in the standard deviation.
+        seconds: that the diagnosis took.
+        refusal: why the case was refused, which is wrong of any; empty where it was diagnosed.
     """
 
     plan: CasePlan
@@ -70,6 +72,7 @@ class Outcome:
     within: tuple[int, int]
     within_departure: tuple[int, int]
     seconds: float
+    refusal: str = ""
 
 
 def score_case(plan: CasePlan, truth: Mapping[str, Any], diagnosis: Mapping[str, Any], seconds: float) -> Outcome:
@@ -103,6 +106,7 @@ def score_case(plan: CasePlan, truth: Mapping[str, Any], diagnosis: Mapping[str,
         within=_within(truth, diagnosis, 0.0),
         within_departure=_within(truth, diagnosis, float(truth.get("departure", {}).get("share", 0.0))),
         seconds=seconds,
+        refusal=diagnosis.get("refusal", ""),
     )
 
 

@@ -11,10 +11,14 @@ from pathlib import Path
 from typing import Any
 
 from rotary_error_monitor.effects.effect import Cause
+from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.diagnosis import Diagnosis, diagnose
 from rotary_error_monitor.gap.loading import AnyTwinFile, load_problem, load_twin
 from rotary_error_monitor.gap.normal import stack, width_of
 from rotary_error_monitor.gap.problem import Problem
+
+REFUSED = "refused"
+"""In place of a verdict: the recording or its twin was not accepted, which of a case is always wrong."""
 
 _MAKERS = re.compile(r"rotary_error_monitor\.(plant|blind_check\.(cases|sizes|benchmark|scores))(\.|$)")
 _OTHER_PROCESS = re.compile(r"/proc/(\d+|self|thread-self)/(mem|cmdline|environ|fd|map_files)")
@@ -54,18 +58,33 @@ def diagnose_case(place: Path, left_out: tuple[str, ...] = ()) -> tuple[dict[str
     """Diagnosis of a case as plain data, and the time that it took, s.
 
     Where the folder holds a second recording of the same stage (`elsewhere`), the gap there with the causes as found on
-    the first one is added under that name.
+    the first one is added under that name. A case that is refused has the reason as its `refusal`.
     """
     start = time.perf_counter()
     twin = load_twin(place / "twin.yaml")
     effects = tuple(effect for effect in twin.effects if effect.name not in left_out)
     known = replace(twin, effects=effects)
-    diagnosis = diagnose(load_problem(place / "bag", known))
+    try:
+        diagnosis = diagnose(load_problem(place / "bag", known))
+    except InputError as error:
+        return _refused(str(error)), time.perf_counter() - start
     seconds = time.perf_counter() - start
     content = diagnosis.as_mapping()
     if (place / "elsewhere").exists():
         content["elsewhere"] = _gap_elsewhere(place / "elsewhere", known, diagnosis)
     return content, seconds
+
+
+def _refused(reason: str) -> dict[str, Any]:
+    """What stands in place of the diagnosis of a case that is refused."""
+    return {
+        "verdict": REFUSED,
+        "refusal": reason,
+        "causes": [],
+        "indistinguishable": [],
+        "where": [],
+        "gap": {"shrink": 0.0},
+    }
 
 
 def _gap_elsewhere(bag: Path, twin: AnyTwinFile, diagnosis: Diagnosis) -> dict[str, float]:

@@ -116,12 +116,6 @@ def order_spectrum(angle: Array, rows: Array, orders: int) -> Array:
     return Angles(angle).spectrum(rows, orders)
 
 
-def wave_products(angle: Array, rows: Array, orders: int) -> tuple[Array, Array]:
-    """`Angles.products` (p, p) and `Angles.moments` (p,) of angles (n,) that are looked at once."""
-    angles = Angles(angle)
-    return angles.products(orders), angles.moments(rows, orders)
-
-
 def trials_of_waves(independent: float, log_level: float) -> float:
     """How many independent waves have one above a level as often as the best of all between as many has.
 

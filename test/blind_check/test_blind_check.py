@@ -120,6 +120,18 @@ def test_cases_of_some_groups_only():
     assert main(["gap-benchmark", "--group", "new speed", "--family", "machine"]) == 2
 
 
+def test_a_case_that_is_refused_is_a_wrong_one_and_ends_no_benchmark(tmp_path):
+    (plan,) = (p for p in plan_cases(11, 6, ("stage",), (False,)) if p.group == "new speed")
+    case = make_stage_case(12, "single", ["graduation_error"], duration=8.0)
+    write_case(case, tmp_path / "case")
+    content, seconds = diagnose_case(tmp_path / "case")
+    assert content["verdict"] == "refused" and "too little to hold data out" in content["refusal"]
+    outcome = score_case(plan, {**case.truth.as_mapping(), "sizes": [50.0]}, content, seconds)
+    assert not outcome.right and not outcome.alike
+    told = format_scores([outcome])
+    assert f"refused: new speed of seed {plan.seed} (graduation_error): the recording" in told
+
+
 def test_a_process_that_ends_before_its_time_is_told_at_once():
     with processes(Connection.close, 2) as made, pytest.raises(InputError, match="ended before its time"):
         ask(made, ["a case"], lambda place: None)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rotary_error_monitor.gap.orders import Angles, order_spectrum, wave_products
+from rotary_error_monitor.gap.orders import Angles, order_spectrum
 
 
 @pytest.fixture(params=[25.0, 0.4], ids=["four turns", "part of a turn"])
@@ -38,7 +38,7 @@ def test_power_of_the_highest_order_is_hardly_too_small():
 def test_products_give_the_fit_of_all_waves(turning):
     angle, rows = turning
     table = waves(angle, 16)
-    gram, moment = wave_products(angle, rows, 16)
+    gram, moment = Angles(angle).products(16), Angles(angle).moments(rows, 16)
     assert gram.shape == (33, 33)
     np.testing.assert_allclose(gram, table.T @ table, atol=0.01 * len(angle))
     np.testing.assert_allclose(moment, table.T @ rows, atol=0.02 * np.sqrt(np.sum(rows**2) * len(angle)))
@@ -49,7 +49,7 @@ def test_products_are_those_of_waves_at_the_middle_of_an_arc():
     arcs = 2**12
     angle = (np.random.default_rng(5).integers(-9000, 9000, 500) + 0.5) * 2 * np.pi / arcs
     rows = np.random.default_rng(6).normal(size=500)
-    gram, moment = wave_products(angle, rows, 16)
+    gram, moment = Angles(angle).products(16), Angles(angle).moments(rows, 16)
     table = waves(angle, 16)
     np.testing.assert_allclose(gram, table.T @ table, atol=1e-8)
     np.testing.assert_allclose(moment, table.T @ rows, atol=1e-8)

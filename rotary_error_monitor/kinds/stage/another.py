@@ -18,7 +18,7 @@ from rotary_error_monitor.effects.effect import Cause, order_location
 from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, HEAD, StageEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.options import MOST_CAUSES
-from rotary_error_monitor.gap.orders import wave_products
+from rotary_error_monitor.gap.orders import Angles
 from rotary_error_monitor.metrology.periodic_curves import doubted_orders
 from rotary_error_monitor.sensors.library import instrument_of, is_listed, sensor_of
 from rotary_error_monitor.twin.finite import UnpredictableError
@@ -35,6 +35,10 @@ FALSE = 0.4
 BURIED = 0.5
 """A statement of less than this part of what the recording shows says nothing: a part that the twin leaves out may be
 on top of it."""
+
+INFLATED = 10.0
+"""Variance inflation from which an amplitude says nothing (the usual limit of collinearity, Marquardt 1970): over an
+arc a constant, slow changes and other orders pass for an order, and what they have wrong is magnified."""
 
 HIGHEST = 16
 """Highest order that is looked at; those of error motions and graduation that matter are far lower."""
@@ -129,15 +133,18 @@ def _overstated(statements: Sequence[Statement], instruments: set[str]) -> list[
 def stage_statements(
     recording: StageRecording, raw: Signals, twin: StageTwin, std: dict[str, float]
 ) -> tuple[Statement, ...]:
-    """All orders that the twin states to be larger than one sample's noise."""
+    """All orders that the twin states to be larger than one sample's noise, where the recording's angles tell them."""
     orders = min(max(_described_orders(twin.stage), default=1), HIGHEST)
     parts: dict[str, list[tuple[Array, Array]]] = {}
+    apart_from_others = np.ones(orders, bool)
     for name, values in raw.items():
         angle = twin.state(name).command
         shown = recording.streams[name].values - values
         shown = shown - angle[:, None] if name in recording.heads else shown
+        angles = Angles(angle)
+        apart_from_others &= _inflation(angles, orders) < INFLATED
         for stated, apart in zip(shown.T, values.T, strict=True):
-            both = _amplitudes(angle, stated, orders), _amplitudes(angle, apart, orders)
+            both = _amplitudes(angles, stated, orders), _amplitudes(angles, apart, orders)
             parts.setdefault(instrument_of(name), []).append(both)
     found = []
     for instrument, pairs in parts.items():
@@ -146,7 +153,7 @@ def stage_statements(
         found += [
             Statement(instrument, k + 1, float(stated[k]), float(measured[k]), float(apart[k]))
             for k in range(orders)
-            if stated[k] > std[instrument]
+            if apart_from_others[k] and stated[k] > std[instrument]
         ]
     return tuple(found)
 
@@ -217,11 +224,17 @@ def _described_orders(stage: StageDescription) -> set[int]:
     return {1, *(row.order for row in planar), *(row.order for row in angular), *measured}
 
 
-def _amplitudes(angle: Array, rows: Array, orders: int) -> Array:
+def _amplitudes(angles: Angles, rows: Array, orders: int) -> Array:
     """(orders, 2) cosine and sine of orders 1, 2, … in rows (n,), all and a constant fitted together."""
-    gram, moment = wave_products(angle, rows, orders)
-    fitted = np.linalg.lstsq(gram, moment, rcond=1e-6)[0]
+    fitted = np.linalg.lstsq(angles.products(orders), angles.moments(rows, orders), rcond=1e-6)[0]
     return np.stack([fitted[1 : orders + 1], fitted[orders + 1 :]], axis=1)
+
+
+def _inflation(angles: Angles, orders: int) -> Array:
+    """(orders,) variance of each order's amplitude over that without other orders and a constant; the larger one."""
+    products = angles.products(orders)
+    inflation = np.diag(products) * np.diag(np.linalg.pinv(products, rcond=1e-6, hermitian=True))
+    return np.maximum(inflation[1 : orders + 1], inflation[orders + 1 :])
 
 
 def _size(amplitudes: Sequence[Array]) -> Array:
