@@ -19,6 +19,7 @@ from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.gap.departures import SHARE, Departing, FittedDepartures
 from rotary_error_monitor.gap.fitting import Fit, KnownProducts, fit_causes, stacked_beside
+from rotary_error_monitor.gap.held_out import dispersion
 from rotary_error_monitor.gap.hypotheses import price_of
 from rotary_error_monitor.gap.normal import Normal, combine, solve_scaled, width_of
 from rotary_error_monitor.gap.problem import Columns, Finding, Problem, Rows
@@ -262,12 +263,13 @@ def with_departures(problem: Problem, fit: Fit, false_alarms: float = 1.0) -> Fi
     if not kept:
         return fit
     first = len(stacked.moment[0]) - len(labels)
-    proportional = log_odds_in_proportion(total, len(fit.nuisance_values), fit.causes, offered, chosen)
     own = np.r_[: len(fit.nuisance_values), first + np.flatnonzero([label in chosen for label in labels])]
     known = KnownProducts(fit.nuisance, stacked.gram[:, own[:, None], own])
     del stacked
     log_prior = -len(chosen) * float(np.log(len(set(labels))))
     departing = fit_causes(problem, fit.causes, departures=kept, known=known)
+    nuisances, scatter = len(fit.nuisance_values), dispersion(departing)
+    proportional = log_odds_in_proportion(total, nuisances, fit.causes, offered, chosen, scatter)
     return replace(departing, log_prior=log_prior, proportional=proportional)
 
 

@@ -48,7 +48,12 @@ def price_of_departures(gram: Array, nuisances: int, amplitudes: int) -> float:
 
 
 def log_odds_in_proportion(
-    total: Normal, nuisances: int, causes: Sequence[Cause], offered: Sequence[Departures], chosen: Collection[Label]
+    total: Normal,
+    nuisances: int,
+    causes: Sequence[Cause],
+    offered: Sequence[Departures],
+    chosen: Collection[Label],
+    scatter: float = 1.0,
 ) -> tuple[float, ...]:
     """Logarithm of the marginal likelihood of what is proportional in the place of each cause, over that of the causes.
 
@@ -62,24 +67,40 @@ def log_odds_in_proportion(
         causes: as fitted.
         offered: departures of the causes.
         chosen: kinds that are taken.
+        scatter: how many times the squares of noise they leave (`dispersion`): what none describes is noise to the
+            choice between the two.
     """
-    table = _Table(total, nuisances, causes, offered)
-    as_chosen = table.log_evidence(chosen) + float(np.log(max(sum(len(d.proportional) for d in offered), 1)))
-    found = np.full(len(causes), -np.inf)
+    table = _Table(total, nuisances, causes, offered, scatter)
+    all_chosen = frozenset(chosen)
+    as_it_is = {all_chosen: table.log_evidence(all_chosen)}
+    instead = list[tuple[int, float]]()
     for k, departures in enumerate(offered):
-        beside = {label for label in chosen if label[0] != k}
+        beside = frozenset(label for label in chosen if label[0] != k)
         for values in departures.proportional:
             kind = departures.kinds[int(np.flatnonzero(np.any(values != 0, axis=1))[0])]
-            others = [beside] + ([set(chosen) - {(k, kind)}] if (k, kind) in chosen else [])
-            best = max(table.log_evidence(some, (k, values)) for some in others)
-            found[departures.cause] = np.logaddexp(found[departures.cause], best - as_chosen)
+            others = {beside, all_chosen - {(k, kind)}} if (k, kind) in chosen else {beside}
+            # Kinds that were chosen for all they take of the data may be worth less than they cost where much is left:
+            # what is proportional is no likelier for doing without them.
+            as_it_is |= {some: table.log_evidence(some) for some in others - as_it_is.keys()}
+            instead.append((departures.cause, max(table.log_evidence(some, (k, values)) for some in others)))
+    price = float(np.log(max(len(instead), 1)))
+    found = np.full(len(causes), -np.inf)
+    for place, evidence in instead:
+        found[place] = np.logaddexp(found[place], evidence - max(as_it_is.values()) - price)
     return tuple(map(float, found))
 
 
 class _Table:
     """Normal equations with the causes put back into the data, and the marginal likelihood of choices of columns."""
 
-    def __init__(self, total: Normal, nuisances: int, causes: Sequence[Cause], offered: Sequence[Departures]) -> None:
+    def __init__(
+        self,
+        total: Normal,
+        nuisances: int,
+        causes: Sequence[Cause],
+        offered: Sequence[Departures],
+        scatter: float,
+    ) -> None:
         amplitudes = [amplitudes_of(cause) for cause in causes]
         widths = [len(values) for values in amplitudes]
         self._nuisances, self._first = nuisances, nuisances + sum(widths)
@@ -88,7 +109,7 @@ class _Table:
         self._gram = total.gram
         fitted = slice(nuisances, self._first)
         self._moment = total.moment + total.gram[:, fitted] @ np.concatenate(amplitudes)
-        self._offered = offered
+        self._offered, self._scatter = offered, scatter
         self._labels = [(k, kind) for k, departures in enumerate(offered) for kind in departures.kinds]
         self._starts = np.cumsum([self._first, *(len(departures.kinds) for departures in offered)])
 
@@ -110,7 +131,9 @@ class _Table:
         powers = np.array([solved[own] @ gram[np.ix_(own, own)] @ solved[own] for own in self._linear])
         counts = np.array([len(own) for own in self._linear])
         price = price_of_departures(gram, *widths[:2]) + float(np.sum(price_of(powers, counts)))
-        return 0.5 * float(moment @ solved) - price - len(chosen) * float(np.log(len(set(self._labels))))
+        return (
+            0.5 * float(moment @ solved) / self._scatter - price - len(chosen) * float(np.log(len(set(self._labels))))
+        )
 
     def _in_proportion(self, place: int, values: Array) -> tuple[Array, Array]:
         """Products in which each amplitude's column has been added what makes the cause proportional."""

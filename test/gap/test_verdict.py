@@ -23,7 +23,7 @@ from rotary_error_monitor.gap.fitting import fit_causes
 from rotary_error_monitor.gap.judgement import judge
 from rotary_error_monitor.gap.normal import Normal
 from rotary_error_monitor.gap.p_values import log_chi_square_tail
-from rotary_error_monitor.gap.posterior import departures_of
+from rotary_error_monitor.gap.posterior import departures_of, with_departures
 from rotary_error_monitor.gap.problem import Finding
 from rotary_error_monitor.gap.proportion import log_odds_in_proportion
 from rotary_error_monitor.gap.selection import select_causes
@@ -157,6 +157,21 @@ def test_what_is_proportional_to_a_quantity_that_is_none_where_a_cause_acts_is_n
         for chosen in (set(), {(0, "place")}):
             (odds,) = log_odds_in_proportion(total, 0, [cause], [offered], chosen)
             assert odds < -0.4 * COUNT * size**2, "the cause explains its own squares, and nothing none"
+
+
+def test_what_no_effect_describes_is_noise_to_whether_a_cause_is_proportional(rng):
+    """Beside thirty times the noise chance takes and gives squares by the hundred: odds were 6000."""
+    odds = []
+    for _ in range(100):
+        column = {"x": rng.normal(size=(COUNT, 1))}
+        problem = DepartingProblem({"x": 20 * column["x"] + 30 * rng.normal(size=(COUNT, 1))}, {})
+        problem.spread = 0.1
+        problem.offer({"first": column})
+        (candidate,) = problem.candidates({}, ())
+        departing = with_departures(problem, fit_causes(problem, (candidate.cause(np.ones(1)),)))
+        odds += departing.proportional
+    assert len(odds) > 50, "most seem to depart"
+    assert np.max(np.abs(odds)) < 15.0, "a tenth more or less of what is mostly something else tells next to nothing"
 
 
 def test_what_resembles_a_known_effect_by_half_is_unknown(judged):
