@@ -34,8 +34,10 @@ $(VENV)/.ready: setup.py package.xml $(LOCKS) $(wildcard rotary_error_monitor/*/
 		$$([ "$$(id -u)" = 0 ] || echo sudo) sh -c 'apt-get update -qq && apt-get install -y -qq python3-venv'; }
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --no-compile --require-hashes -r requirements/build.lock
-	$(BIN)/python -m pip install --quiet --no-compile --require-hashes --no-build-isolation -r requirements/cell.lock
-	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
+	@# The package itself, of which most is compiling, beside what it needs, of which most is unpacking.
+	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable . & package=$$!; \
+	$(BIN)/python -m pip install --quiet --no-compile --require-hashes --no-build-isolation -r requirements/cell.lock; \
+	cell=$$?; wait $$package && exit $$cell
 	@$(BIN)/python -m pip check
 	@$(BIN)/python -c "$$LOAD"
 	@touch $@

@@ -8,17 +8,23 @@ from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from rotary_error_monitor.description.yaml_files import read_yaml
 from rotary_error_monitor.effects.effect import AnyEffect, Cause, Role, order_location
 from rotary_error_monitor.effects.library import is_foreign, load_effects
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.kind import ENTRY_POINTS, AnyKind, Kind, TwinFile
-from rotary_error_monitor.gap.problem import DiagnosableProblem
+from rotary_error_monitor.gap.problem import DiagnosableProblem, Rows
 from rotary_error_monitor.plugins import load_plugin, origin_of, plugins_of
 from rotary_error_monitor.twin.document import causes_from_rows, effect_rows
 from rotary_error_monitor.twin.rates import MOST_RATE
 
 AnyTwinFile = TwinFile[Any, Any]
+
+ROUNDING = 1e-3
+"""Change of a prediction, standard deviations of an instrument's noise, below which it may be that of rounding: turns
+counted over a day are known to a hundredth of that."""
 
 
 def load_twin(path: Path, effect_files: Sequence[Path] = ()) -> AnyTwinFile:
@@ -85,12 +91,14 @@ def _kind(entry: EntryPoint) -> AnyKind:
 
 
 def _try_foreign(problem: DiagnosableProblem, twin: AnyTwinFile) -> None:
-    """Predict with each foreign effect, at its first place and at its usual size.
+    """Predict with each foreign effect, at its first place and at its usual size, and without size.
 
     Raises:
-        InputError: an effect fails, or what it gives has another type or shape than expected or is not finite.
+        InputError: an effect fails, or what it gives has another type or shape than expected or is not finite, or it
+            changes the prediction although all its values are 0.
     """
     thing = twin.kind.acted_on(problem, twin.description)
+    before: Rows = {}
     for effect in filter(is_foreign, twin.effects):
         for place in _first_place(effect, thing):
             values = effect.start(place)
@@ -98,8 +106,25 @@ def _try_foreign(problem: DiagnosableProblem, twin: AnyTwinFile) -> None:
             values[amplitudes] = effect.scales()[amplitudes]
             try:
                 twin.kind.attempt(problem, Cause(effect, place, values))
+                before = before or problem.residual(())
+                _check_without_size(before, problem.residual((Cause(effect, place, effect.start(place)),)))
             except (Exception, SystemExit) as error:  # whatever a user's effect raises is reported with its name
                 raise _failed(effect, error) from error
+
+
+def _check_without_size(before: Rows, after: Rows) -> None:
+    """Hold white rows beside an effect whose values are all 0 against those without it.
+
+    Raises:
+        ValueError: they differ.
+    """
+    for channel, rows in before.items():
+        changed = float(np.max(np.abs(after[channel] - rows), initial=0.0))
+        if changed > ROUNDING:
+            raise ValueError(
+                f"with all values 0 it changes the prediction of {channel} by {changed:.3g} standard deviations of its "
+                "noise; expected: the prediction as it was"
+            )
 
 
 def _first_place(effect: AnyEffect, thing: object) -> tuple[str, ...]:

@@ -153,6 +153,10 @@ PLACES = """    def locations(self, stage):
         ({"    def measured": PLACES.format("'a', 'a'") + "    def measured"}, "expected different names"),
         ({"my_offset": "unbalance"}, "effect 'unbalance' is already known; choose another name"),
         ({"class Offset": "class Offset("}, "cannot be loaded: SyntaxError"),
+        (
+            {LAST_LINE: "return 1.01 * ideal + values[0]"},
+            "with all values 0 it changes the prediction of autocollimator",
+        ),
     ],
 )
 def test_a_users_effect_with_a_mistake_is_named(stage_case, tmp_path, refused, changed, problem):

@@ -77,7 +77,11 @@ def test_what_it_refuses_is_told(thermometer, recording, twin, tmp_path, capsys)
 
 @pytest.mark.parametrize(
     ("given", "told"),
-    [("temperature + values * time[:3]", "could not be broadcast"), ("temperature * float('nan')", "not finite")],
+    [
+        ("temperature + values * time[:3]", "could not be broadcast"),
+        ("temperature * float('nan')", "not finite"),
+        ("temperature + 0.2 + values * time", "with all values 0 it changes the prediction of reading by 10 "),
+    ],
 )
 def test_a_mistake_in_an_effect_is_told_before_it_takes_part(
     given, told, thermometer, recording, twin, tmp_path, capsys
