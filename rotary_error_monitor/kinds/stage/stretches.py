@@ -128,6 +128,8 @@ class LongStageProblem(StageProblem):
         first = self._stretches[self._first_with(causes[place])].own_departures(place, causes)
 
         def rows_of(stretch: int) -> Rows | SparseRows:
+            if not self._is_shown(causes[place], stretch):
+                return {}
             made = self._open(stretch).own_departures(place, causes).columns
             assert not isinstance(made, LateRows)
             return made
@@ -142,6 +144,8 @@ class LongStageProblem(StageProblem):
         """As `Reversing` asks, made for one stretch at a time."""
 
         def rows_of(stretch: int) -> Rows | SparseRows:
+            if not self._is_shown(causes[place], stretch):
+                return {}
             made = self._open(stretch).slipped(place, causes, moments)
             assert not isinstance(made, LateRows)
             return made
@@ -150,10 +154,13 @@ class LongStageProblem(StageProblem):
 
     def _first_with(self, cause: Cause) -> int:
         """The first stretch with a stream that a cause acts on: a sensor may begin late, or fall silent."""
+        return next((i for i in range(len(self._stretches)) if self._is_shown(cause, i)), 0)
+
+    def _is_shown(self, cause: Cause, stretch: int) -> bool:
+        """Whether a stretch has a stream that a cause acts on."""
         effect = cause.effect
         assert isinstance(effect, StageEffect)
-        shown = (any(effect.touches(cause.location, name) for name in each.twin.times) for each in self._stretches)
-        return next((i for i, is_shown in enumerate(shown) if is_shown), 0)
+        return any(effect.touches(cause.location, name) for name in self._stretches[stretch].twin.times)
 
     @property
     def nuisances(self) -> int:
