@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.arrays import Array, Mask
 from rotary_error_monitor.effects.rotor import AT_REST
+from rotary_error_monitor.noise.head_grid import HeadGrid, HeadRows
 from rotary_error_monitor.twin.recording import StageRecording, Stream
 
 USUAL = 8.0
 """Medians of what scatter alone does beyond which it jumps: more than five standard deviations of it."""
+
+SAME_TIME = 1e-3
+"""Part of what a command is off by, below which it is the same for two heads."""
 
 MOST_TURNING = 0.05
 """Part of a recording that may be left out because the direction of travel is not known there."""
@@ -34,7 +40,7 @@ def input_gaps(recording: StageRecording) -> Array:
     return np.asarray(spans)
 
 
-def between_samples(command: Stream, time: Array, least: float) -> NDArray[np.bool_]:
+def between_samples(command: Stream, time: Array, least: float | Array) -> NDArray[np.bool_]:
     """(m,) whether the command is off by more than `least`, rad, where it is interpolated to times (m,).
 
     A speed that jumps by d within an interval h, which nothing around it tells, puts a cubic on angles and speeds off
@@ -48,7 +54,28 @@ def between_samples(command: Stream, time: Array, least: float) -> NDArray[np.bo
     there_and_back = np.where(second[1:] * second[:-1] < 0, np.minimum(np.abs(second[1:]), np.abs(second[:-1])), 0.0)
     off = _around(np.maximum(there_and_back / 8, third / 64), intervals) * np.diff(command.time)
     interval = np.clip(np.searchsorted(command.time, time, side="right") - 1, 0, intervals - 1)
-    return np.asarray(off[interval] > max(least, USUAL * float(np.median(off))), bool)
+    return np.asarray(off[interval] > np.maximum(least, USUAL * float(np.median(off))), bool)
+
+
+def apart_between_samples(command: Stream, grid: HeadGrid, times: Mapping[str, Array], least: float) -> Mask:
+    """(m,) rows of heads whose times in an interval of the command are so far apart that it is off by more than `least`
+    at one of them and not at the other.
+
+    What is off goes from nothing at both ends of an interval h to all of it within half of that.
+
+    Args:
+        command: of the rotation.
+        grid: the heads side by side.
+        times: (n,) s of the samples of each head.
+        least: rad.
+    """
+    late = HeadRows.of(grid, grid.present, np.ones(len(grid.time)), times).late
+    share = np.minimum(1.0, (late.max(axis=0) - late.min(axis=0)) * 4 / command.period)
+    found = np.zeros(len(grid.time), bool)
+    for name in grid.heads if np.any(share > SAME_TIME) else ():
+        rows = grid.rows[name]
+        found[rows] |= between_samples(command, times[name], least / np.maximum(share[rows], SAME_TIME))
+    return found
 
 
 def _around(differences: Array, intervals: int) -> Array:

@@ -27,12 +27,19 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.arrays import Array, Mask
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.rotor import HEAD
 from rotary_error_monitor.noise.head_grid import HeadRows, align_heads, rate_of, weight_of_rows
 from rotary_error_monitor.noise.jitter import Jitter
-from rotary_error_monitor.noise.lost_samples import between_samples, bridge, input_gaps, inside, turning_points
+from rotary_error_monitor.noise.lost_samples import (
+    apart_between_samples,
+    between_samples,
+    bridge,
+    input_gaps,
+    inside,
+    turning_points,
+)
 from rotary_error_monitor.noise.slow_noise import Cells, SlowNoise, cells_of
 from rotary_error_monitor.noise.spikes import find_head_spikes, find_spikes
 from rotary_error_monitor.noise.whitening import Whitener, drift_predictor, few_at_once, predictor, runs_of, segments_of
@@ -95,11 +102,12 @@ class StageNoise:
         lost, turning = input_gaps(recording), turning_points(recording.streams[COMMAND])
         spans = {name: lost if name in self.grid.heads else np.concatenate([lost, turning]) for name in residual}
         self._kept = {name: ~inside(recording.streams[name].time, own) for name, own in spans.items()}
-        self.spikes = self._find_spikes(stage, residual, recording.streams[COMMAND])
+        command, least = recording.streams[COMMAND], self.std[HEAD] / np.sqrt(max(len(self.grid.heads), 1))
+        apart = apart_between_samples(command, self.grid, self._head_times, least)
+        self.spikes = self._find_spikes(stage, residual, command, apart)
         self._present = self._heads_present()
-        least = self.std[HEAD] / np.sqrt(max(len(self.grid.heads), 1))
-        self.uncommanded = between_samples(recording.streams[COMMAND], self.grid.time, least)
-        self._row_weight = weight_of_rows(self.grid, self._weights)
+        self.uncommanded = between_samples(command, self.grid.time, least) | apart
+        self._row_weight = np.where(apart, 0.0, weight_of_rows(self.grid, self._weights))
         for name in self.grid.heads:  # filters go on over turning points, as over a command that is not known
             rows = self.grid.rows_of(name, inside(recording.streams[name].time, turning))
             self._row_weight[rows], self.uncommanded[rows] = 0.0, True
@@ -312,15 +320,24 @@ class StageNoise:
         spectrum = np.fft.rfft(both) * (density / (density + self.command_floor))
         return np.asarray(np.fft.irfft(spectrum, len(both))[: len(course)], np.float64)
 
+    @property
+    def _head_times(self) -> dict[str, Array]:
+        """(n,) s of the samples of each head."""
+        return {name: self._streams[name].time for name in self.grid.heads}
+
     def _find_spikes(
-        self, stage: StageDescription, residual: Mapping[str, Array], command: Stream
+        self, stage: StageDescription, residual: Mapping[str, Array], command: Stream, apart: Mask
     ) -> dict[str, NDArray[np.bool_]]:
-        """(n, k) which samples of each stream are spikes; those of heads are as good as lost."""
+        """(n, k) which samples of each stream are spikes; those of heads are as good as lost.
+
+        In rows (m,) in which heads are `apart` only by what is not known of the command there is none.
+        """
         found = {}
         if self.grid.heads:
             azimuths = {f"{HEAD}_{letter}": azimuth for letter, azimuth in stage.azimuths.items()}
             found = find_head_spikes(self.grid, residual, self.std[HEAD], azimuths, command)
         for name, spikes in found.items():
+            spikes[:, 0] &= ~apart[self.grid.rows[name]]
             self._kept[name] &= ~spikes[:, 0]
         for name in self._sensors:
             std = self.std[instrument_of(name)]
@@ -337,8 +354,7 @@ class StageNoise:
     @property
     def _heads(self) -> HeadRows:
         if self._kept_heads is None:
-            times = {name: self._streams[name].time for name in self.grid.heads}
-            self._kept_heads = HeadRows.of(self.grid, self._present, self._row_weight, times)
+            self._kept_heads = HeadRows.of(self.grid, self._present, self._row_weight, self._head_times)
         return self._kept_heads
 
     @property

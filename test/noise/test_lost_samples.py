@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from scipy.interpolate import CubicHermiteSpline
 
 from rotary_error_monitor.effects.rotor import AT_REST
-from rotary_error_monitor.noise.lost_samples import between_samples, inside, turning_points
+from rotary_error_monitor.noise.head_grid import align_heads
+from rotary_error_monitor.noise.lost_samples import apart_between_samples, between_samples, inside, turning_points
 from rotary_error_monitor.plant.motion import Motion, Segment
 from rotary_error_monitor.twin.commanded import CommandedRotation
-from rotary_error_monitor.twin.recording import Stream
+from rotary_error_monitor.twin.recording import StageRecording, Stream
 
 PERIOD, LEAST = 0.004, 3e-7
 
@@ -46,6 +49,25 @@ def test_no_interval_is_missed_in_which_the_command_is_off(seed):
         command = sampled(course)
         left_out = between_samples(command, time, LEAST)
         assert off(course, command, time)[~left_out].max() < 1.5 * LEAST
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_heads_that_sample_one_after_the_other_are_apart_where_the_command_is_off_at_some(seed):
+    """What is not known of the command between its samples was a spike of one head, and then another's."""
+    draw = np.random.default_rng([9, seed])
+    courses = [kinked(draw.uniform(2, 6), 0.0, draw.uniform(5, 60)), kinked(draw.uniform(2, 6), draw.uniform(-1, 1), 0)]
+    for course, spread in itertools.product(courses, (0.0, 1e-5, 1e-3, PERIOD)):
+        command, late = sampled(course), spread * draw.uniform(-0.5, 0.5, 4)
+        heads = {f"head_{letter}": np.arange(0.3, 7.7, PERIOD) + late[i] for i, letter in enumerate("abcd")}
+        streams = {name: Stream(time, np.zeros((len(time), 1))) for name, time in heads.items()}
+        grid = align_heads(StageRecording(0, {"command": command, **streams}, ()))
+        spline = CubicHermiteSpline(command.time, command.values[:, 0], command.values[:, 1])
+        missed = np.zeros(grid.present.shape)
+        for i, (name, time) in enumerate(heads.items()):
+            missed[grid.rows[name], i] = spline(time) - course(time)[0]
+        apart = apart_between_samples(command, grid, heads, LEAST)
+        assert np.ptp(missed[~apart & grid.present.all(axis=1)], axis=1).max() < 2 * LEAST
+        assert apart.sum() <= (8 if spread else 0)
 
 
 def test_a_smooth_ramp_of_many_samples_is_believed():

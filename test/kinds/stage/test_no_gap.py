@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from draws import seeds
 
 from rotary_error_monitor.cases.making import make_stage_case
 from rotary_error_monitor.effects.library import load_effects
@@ -29,6 +30,39 @@ def test_no_gap_is_no_gap(rough, stage_problem):
     for diagnosis in quiet:
         assert not diagnosis.causes and "agree to the noise" in verdict_sentence(diagnosis)
         assert diagnosis.gap.before == pytest.approx(1.0, abs=0.03)
+
+
+class Trapezoids:
+    """Speeds joined by ramps of an acceleration that jumps at both ends, each speed held for a while."""
+
+    def __init__(self, seed: int, duration: float) -> None:
+        draw, times, speeds = np.random.default_rng([seed, 8]), [0.0], [0.0]
+        while times[-1] < duration:
+            speed = float(draw.uniform(-6, 6))
+            ramp = abs(speed - speeds[-1]) / float(draw.uniform(5, 60))
+            times += [times[-1] + ramp, times[-1] + ramp + float(draw.uniform(0.1, 0.5))]
+            speeds += [speed, speed]
+        self._time, self._speed = np.array(times), np.array(speeds)
+        steps = np.diff(self._time)
+        self._slope = np.diff(self._speed) / steps
+        self._angle = np.append(0.0, np.cumsum(steps * (self._speed[1:] + self._speed[:-1]) / 2))
+
+    def at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Angle and speed."""
+        i = np.clip(np.searchsorted(self._time, time, side="right") - 1, 0, len(self._slope) - 1)
+        u, slope = time - self._time[i], self._slope[i]
+        return self._angle[i] + self._speed[i] * u + slope * u * u / 2, self._speed[i] + slope * u
+
+
+def test_what_is_not_known_of_a_command_whose_acceleration_jumps_is_neither_a_gap_nor_a_spike(stage_problem):
+    """Heads that sample one after the other were apart by it: samples of 5 stages in 24 counted as spikes."""
+    alarms = 0
+    for seed in seeds(24):
+        problem, _ = stage_problem(seed, "null", duration=20.0, motion=Trapezoids(seed, 21.0))
+        found = diagnose(problem)
+        alarms += found.verdict is not Verdict.NO_GAP
+        assert not any(count for name, count in problem.spikes().items() if name.startswith("head")), seed
+    assert alarms <= 0.1 * len(seeds(24)), "of a hundred one alarms"
 
 
 @pytest.mark.long
