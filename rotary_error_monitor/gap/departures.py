@@ -8,7 +8,6 @@ so on, by a share of its own size. That share has a real prior; without one the 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
@@ -79,6 +78,10 @@ class Departures:
         effects: (q,) known effect that does what one standard deviation of each does, where there is one; empty: none.
         proportional: (q, p) for each quantity to which the cause may be proportional, values of the columns that make
             it so where each of its p amplitudes is one (`Modulation.proportional`).
+        whole: kinds of which a real thing has all as easily as some: one standard deviation of such a column is what it
+            does, and not `SHARE` of the cause.
+        made_for: amplitudes of the cause, in the order of its columns, that these columns are for; where kinds are
+            `whole`.
     """
 
     cause: int
@@ -88,6 +91,8 @@ class Departures:
     columns: Columns
     effects: tuple[Cause | None, ...] = ()
     proportional: tuple[Array, ...] = ()
+    whole: frozenset[str] = frozenset()
+    made_for: Array = field(default_factory=lambda: np.zeros(0))
 
     def chosen(self, places: Sequence[int]) -> Departures:
         """Some of the columns."""
@@ -100,65 +105,9 @@ class Departures:
             columns_at(self.columns, index),
             tuple(self.effects[i] for i in places) if self.effects else (),
             tuple(values[index] for values in self.proportional),
+            self.whole,
+            self.made_for,
         )
-
-
-@dataclass(frozen=True)
-class FittedDepartures:
-    """Departures of a cause with their values.
-
-    Attributes:
-        departures: what may depart.
-        values: (q,) standard deviations of the prior.
-        products: (q, q) of what the cause's best textbook form leaves of white columns with one another, over the
-            square of that form.
-    """
-
-    departures: Departures
-    values: Array
-    products: Array
-
-    def share(self, chosen: NDArray[np.bool_] | None = None) -> float:
-        """Part of the cause, root mean square, that its best textbook form leaves and (chosen) columns describe."""
-        moved = self.values if chosen is None else np.where(chosen, self.values, 0.0)
-        return float(np.sqrt(max(float(moved @ self.products @ moved), 0.0)))
-
-    def shares(self) -> dict[str, float]:
-        """The share of each kind alone."""
-        kinds = np.array(self.departures.kinds)
-        return {kind: self.share(kinds == kind) for kind in dict.fromkeys(self.departures.kinds)}
-
-    def size(self) -> float:
-        """The share of all together, or where kinds cancel one another, as they are: what cancels is no smaller."""
-        return max(self.share(), math.hypot(*self.shares().values()))
-
-    def effects(self) -> tuple[Cause, ...]:
-        """Those that are known effects, such as neighbouring orders, with their sizes: a twin can hold them."""
-        found: dict[tuple[str, str], Cause] = {}
-        for cause, value in zip(self.departures.effects, self.values, strict=False):
-            if cause is not None:
-                linear = cause.effect.indices(Role.LINEAR)
-                values = cause.values.copy()
-                values[linear] *= value
-                if cause.key in found:
-                    values[linear] += found[cause.key].values[linear]
-                found[cause.key] = cause.with_values(values)
-        return tuple(found.values())
-
-
-@dataclass(frozen=True)
-class Departure:
-    """A departure as it is told.
-
-    Attributes:
-        pattern: in words.
-        share: of the cause's own gap (root mean square).
-        held: whether it is known effects, which a twin can hold.
-    """
-
-    pattern: str
-    share: float
-    held: bool = False
 
 
 def amplitude_sizes(cause: Cause) -> Array:
@@ -234,23 +183,6 @@ def in_proportion(modulations: Sequence[Modulation], sizes: Array, beside: int =
             values[start : start + count] = np.diag(modulation.proportional / (SHARE * np.where(sizes > 0, sizes, 1.0)))
             found.append(values)
     return tuple(found)
-
-
-def describe(fitted: FittedDepartures) -> tuple[Departure, ...]:
-    """Departures of one cause in words, the largest first."""
-    told, departures, values = [], fitted.departures, fitted.values
-    for kind, share in fitted.shares().items():
-        own = np.array([other == kind for other in departures.kinds])
-        change: dict[Words, float] = {}
-        size: dict[Words, float] = {}
-        for i in np.flatnonzero(own):
-            words = departures.words[i]
-            size[words] = size.get(words, 0.0) + float(values[i]) ** 2 * float(fitted.products[i, i])
-            change[words] = change.get(words, 0.0) + float(values[i] * departures.changes[i])
-        largest = max(size, key=lambda words: size[words])
-        held = bool(departures.effects) and all(departures.effects[i] is not None for i in np.flatnonzero(own))
-        told.append(Departure(largest(change[largest]), share, held))
-    return tuple(sorted(told, key=lambda row: -row.share))
 
 
 @dataclass

@@ -12,7 +12,7 @@ import numpy as np
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import Cause, Estimate, Role
 from rotary_error_monitor.gap.alternatives import REJECTED, Alternatives, Key, rank_alternatives
-from rotary_error_monitor.gap.departures import Departure, describe
+from rotary_error_monitor.gap.fitted_departures import Departure, describe
 from rotary_error_monitor.gap.fitting import Fit
 from rotary_error_monitor.gap.judgement import judge
 from rotary_error_monitor.gap.options import FALSE_ALARMS, MOST_CAUSES

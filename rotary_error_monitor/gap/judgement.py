@@ -113,7 +113,10 @@ def _judge_settled(problem: Problem, chosen: Step, false_alarms: float) -> Judge
     needless, instead = departures_instead(problem, chosen, fit, false_alarms)
     likelier = [posterior for posterior in instead if posterior.settled and posterior.likelier]
     if likelier:
-        return _believed(chosen, likelier[0], likelier)
+        # Fewer causes that depart: others in their places may do so, which beside the needless one were not looked at.
+        fewer = replace(chosen, fit=likelier[0].fit)
+        posteriors = [*_settled_with_departures(problem, fewer, likelier[0], false_alarms), *likelier[1:]]
+        return _believed(fewer, _likeliest([(fewer, posterior) for posterior in posteriors])[1], posteriors)
     # what is not believed in the place of a cause does not speak against it
     needless = {key: odds for key, odds in needless.items() if odds <= 0}
     departing = with_departures(problem, fit, false_alarms)

@@ -17,7 +17,8 @@ from scipy.special import expit
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import Cause, Role
-from rotary_error_monitor.gap.departures import SHARE, Departing, FittedDepartures
+from rotary_error_monitor.gap.departures import SHARE, Departing, Departures
+from rotary_error_monitor.gap.fitted_departures import FittedDepartures
 from rotary_error_monitor.gap.fitting import Fit, KnownProducts, fit_causes, stacked_beside
 from rotary_error_monitor.gap.held_out import dispersion
 from rotary_error_monitor.gap.hypotheses import price_of
@@ -369,5 +370,15 @@ def departures_of(fit: Fit) -> list[FittedDepartures]:
         taken = solve_scaled(gram[own, own], gram[own, apart])
         products = gram[apart, apart] - gram[apart, own] @ taken
         textbook = amplitudes_of(fit.causes[departures.cause]) + taken @ values
-        found.append(FittedDepartures(departures, values, products / (textbook @ gram[own, own] @ textbook or 1.0)))
+        size = float(textbook @ gram[own, own] @ textbook) or 1.0
+        grown = _grown(gram[own, own], amplitudes_of(fit.causes[departures.cause]), departures)
+        found.append(FittedDepartures(departures, values, products / size, grown))
     return found
+
+
+def _grown(gram: Array, amplitudes: Array, departures: Departures) -> float:
+    """Size of a cause with the amplitudes that it has beside its departures, over that which their columns are for."""
+    before = departures.made_for
+    if not departures.whole or not (was := float(before @ gram @ before)) > 0.0:
+        return 1.0
+    return float(np.sqrt(amplitudes @ gram @ amplitudes / was))

@@ -16,17 +16,16 @@ from rotary_error_monitor.gap.departures import (
     COURSES,
     SHARE,
     Departures,
-    FittedDepartures,
     Modulation,
     Normaliser,
     amplitude_sizes,
     columns_at,
-    describe,
     modulated,
     slow_courses,
     spread_out,
     wanders,
 )
+from rotary_error_monitor.gap.fitted_departures import FittedDepartures, describe
 from rotary_error_monitor.gap.fitting import fit_causes
 from rotary_error_monitor.gap.posterior import likeliest_kinds, marginal_likelihood
 from rotary_error_monitor.gap.problem import LateRows
@@ -126,6 +125,22 @@ def test_kinds_that_cancel_one_another_are_as_large_as_they_are():
     assert fitted.size() == pytest.approx(0.1 * np.sqrt(9.0 + 0.25 + 9.0))
     together = dataclasses.replace(fitted, values=np.array([3.0, 0.5, 3.0]))
     assert together.size() == together.share() > fitted.size()
+
+
+def test_what_may_be_there_as_a_whole_counts_by_its_prior_however_much_it_shows():
+    """All of a play that stays at rest is as fair as a tenth of what goes with the speed; half the play as much less.
+
+    A cause that the textbook's columns took for a fifth of what it is has departures of five times their size.
+    """
+    products = np.diag([9.0, 0.01])
+    departures = Departures(0, ("at rest", "speed"), (str,) * 2, np.zeros(2), {}, whole=frozenset({"at rest"}))
+    for part, speed in ((1.0, 0.0), (0.5, 0.0), (1.0, 2.0)):
+        for grown in (1.0, 5.0):
+            fitted = FittedDepartures(departures, np.array([part * grown, speed]), products, grown)
+            assert fitted.size() == pytest.approx(SHARE * np.hypot(part, speed))
+            assert fitted.share() == pytest.approx(np.hypot(3.0 * part * grown, SHARE * speed))
+    textbook = dataclasses.replace(departures, whole=frozenset())
+    assert FittedDepartures(textbook, np.array([1.0, 0.0]), products).size() == pytest.approx(3.0)
 
 
 def test_every_effect_of_a_stage_may_depart_on_its_own_channels_only(stage_problem):

@@ -14,11 +14,11 @@ from rotary_error_monitor.gap.departures import (
     Departures,
     Modulation,
     amplitude_sizes,
-    describe,
     in_proportion,
     modulated,
     spread_out,
 )
+from rotary_error_monitor.gap.fitted_departures import describe
 from rotary_error_monitor.gap.fitting import fit_causes
 from rotary_error_monitor.gap.judgement import judge
 from rotary_error_monitor.gap.normal import Normal

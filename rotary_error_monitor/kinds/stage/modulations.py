@@ -37,6 +37,9 @@ NEIGHBOURS = 3
 SOFT = (1 / 128, 1 / 32, 1 / 8)
 """Speeds, in parts of the highest one, below which an effect may be another than at speed: four-fold steps."""
 
+IN_PLACE_OF_JUMPS = frozenset({"low speed", "after reversals"})
+"""Kinds in which an effect that jumps where the rotor turns back may depart as a whole: no real thing jumps."""
+
 _HELD = 0.01
 """Part of the power of what differs around the turn up to which neighbouring orders describe it."""
 

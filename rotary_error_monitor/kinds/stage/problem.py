@@ -16,6 +16,7 @@ from rotary_error_monitor.effects.rotor import HEAD, StageEffect
 from rotary_error_monitor.gap.departures import SHARE, Departures, amplitude_sizes, in_proportion, modulated, spread_out
 from rotary_error_monitor.gap.noise_level import NOISIER
 from rotary_error_monitor.gap.problem import Candidate, Columns, Finding, Rows, Share, SparseRows
+from rotary_error_monitor.gap.proportion import amplitudes_of
 from rotary_error_monitor.gap.structure import Track
 from rotary_error_monitor.gap.views import View
 from rotary_error_monitor.kinds.stage.added_forms import AddedForms
@@ -24,6 +25,7 @@ from rotary_error_monitor.kinds.stage.another import check_stage, left_out
 from rotary_error_monitor.kinds.stage.distortion import distortions
 from rotary_error_monitor.kinds.stage.experiments import advise
 from rotary_error_monitor.kinds.stage.modulations import (
+    IN_PLACE_OF_JUMPS,
     StageModulations,
     goes_by_another_name,
     linear_values,
@@ -229,6 +231,8 @@ class StageProblem:
             white,
             (*(None for _ in kinds), *orders, *(None for _ in others)),
             proportional.get(next(reversed(signatures), ""), ()),
+            frozenset(form.kind for form in added) | (IN_PLACE_OF_JUMPS if jumps else frozenset()),
+            amplitudes_of(cause),
         )
 
     def turning(self, cause: Cause) -> tuple[Array, float]:
