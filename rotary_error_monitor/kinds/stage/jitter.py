@@ -31,6 +31,9 @@ does not let a rotor's jitter make: one in 10^15 by chance."""
 HIGHEST = 25.0
 """Frequency, Hz, up to which lines are the rotor's own; above it inertia lets nothing through."""
 
+HIGHEST_ORDER = 100
+"""Of a turn, that an effect may have."""
+
 MOST_LINES = 24
 
 SAME = 1e-10
@@ -196,7 +199,8 @@ def orders_at_one_speed(lines: Array, time: Array, command: Array) -> list[tuple
     if not len(lines):
         return []
     turns, uneven = even_motion(time, command)
-    orders = [(float(line), round(line / turns)) for line in lines if turns * float(np.ptp(time)) > 1]
+    # Within a part of a turn as well: there the order is the one that is nearest.
+    orders = [(float(line), round(line / turns)) for line in lines if 0 < line < HIGHEST_ORDER * turns]
     # Uneven turning by a radian of the order's own phase would smear it.
     return [(f, k) for f, k in orders if k and uneven * k < 1 and abs(f - k * turns) < 0.5 / float(np.ptp(time))]
 

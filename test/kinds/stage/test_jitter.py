@@ -70,6 +70,15 @@ def test_at_one_speed_an_order_is_no_more_than_a_line(noise, ramp):
     assert orders_at_one_speed(lines, TIME, command) == [(pytest.approx(12.732, abs=1e-3), 40)]
 
 
+@pytest.mark.parametrize("turned", [0.4, 0.8, 3.0])
+@pytest.mark.parametrize("order", [6, 12, 90])
+def test_a_line_at_one_speed_may_be_an_order_within_a_part_of_a_turn_as_well(turned, order):
+    """A wave of the drive of 14 µrad on a slow turn was taken for jitter without a word: no gap."""
+    rate = turned / float(np.ptp(TIME))
+    (told,) = orders_at_one_speed(np.array([order * rate]), TIME, 2 * np.pi * rate * TIME)
+    assert told == (pytest.approx(order * rate), order)
+
+
 def test_lines_are_told_from_orders_where_they_can_be():
     apart = np.array([12.732 + 2 / TIME[-1]])
     assert orders_at_one_speed(apart, TIME, 2.0 * TIME) == []
