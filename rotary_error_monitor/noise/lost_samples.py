@@ -69,9 +69,11 @@ def apart_between_samples(command: Stream, grid: HeadGrid, times: Mapping[str, A
         times: (n,) s of the samples of each head.
         least: rad.
     """
-    late = HeadRows.of(grid, grid.present, np.ones(len(grid.time)), times).late
-    share = np.minimum(1.0, (late.max(axis=0) - late.min(axis=0)) * 4 / command.period)
     found = np.zeros(len(grid.time), bool)
+    if not grid.heads:
+        return found
+    late = HeadRows.of(grid, grid.present, np.ones(len(grid.time)), times).late
+    share = np.minimum(1.0, np.ptp(late, axis=0) * 4 / command.period)
     for name in grid.heads if np.any(share > SAME_TIME) else ():
         rows = grid.rows[name]
         found[rows] |= between_samples(command, times[name], least / np.maximum(share[rows], SAME_TIME))
