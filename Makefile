@@ -114,8 +114,8 @@ DRAWN := $(addprefix test/,analysis/test_trend.py analysis/test_whole_recording.
 	noise/test_listed_noise.py \
 	$(addprefix kinds/stage/test_,added_forms.py arc.py diagnosis.py forces.py no_gap.py) \
 	nodes/test_stage_files.py $(addprefix pipeline/test_,common_turns.py estimation.py joint_checks.py) recordings/test_measured_curves.py)
-SAMPLES := $(addprefix test/,bags faults pipeline recordings signals)
-MODELS := $(addprefix test/,calibration effects gap kinds machine metrology noise sensors twin)
+SAMPLES := $(addprefix test/,bags faults metrology pipeline recordings signals)
+MODELS := $(addprefix test/,effects gap kinds machine noise sensors twin)
 
 # What is marked `long` shows in minutes what others show in seconds: it is for `make rates`, and SWEEPS=1 make test-live.
 PYTEST = -m pytest $(PYTEST_ARGS) $(if $(SWEEPS),,-m 'not long') $(addprefix --ignore=,$(1)) $(2)
