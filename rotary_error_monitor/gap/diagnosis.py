@@ -220,7 +220,7 @@ def _found(place: int, fit: Fit, alternatives: Alternatives) -> FoundCause:
     departing = [own for own in departures_of(fit) if own.departures.cause == place]
     told = (row for own in departing for row in describe(own))
     beside = (effect for own in departing for effect in own.effects())
-    covariance = fit.covariances[place] + _definition(cause, sum(own.share() for own in departing))
+    covariance = fit.covariances[place] + _definition(cause, sum(own.size() for own in departing))
     return FoundCause(
         cause,
         alternatives.probability(cause.key),

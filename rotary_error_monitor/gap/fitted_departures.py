@@ -24,12 +24,14 @@ class FittedDepartures:
         products: (q, q) of what the cause's best textbook form leaves of white columns with one another, over the
             square of that form.
         grown: size of the cause beside its departures over that which their columns are for.
+        beside: the same over that of its best textbook form, which is less where much is there as a whole.
     """
 
     departures: Departures
     values: Array
     products: Array
     grown: float = 1.0
+    beside: float = 1.0
 
     def share(self, chosen: NDArray[np.bool_] | None = None) -> float:
         """Part of the cause, root mean square, that its best textbook form leaves and (chosen) columns describe."""
@@ -103,5 +105,7 @@ def describe(fitted: FittedDepartures) -> tuple[Departure, ...]:
             change[words] = change.get(words, 0.0) + float(values[i] * departures.changes[i])
         largest = max(size, key=lambda words: size[words])
         held = bool(departures.effects) and all(departures.effects[i] is not None for i in np.flatnonzero(own))
+        if kind in departures.whole:
+            share /= max(1.0, fitted.beside)
         told.append(Departure(largest(change[largest]), share, held))
     return tuple(sorted(told, key=lambda row: -row.share))

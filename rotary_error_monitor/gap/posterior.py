@@ -371,14 +371,17 @@ def departures_of(fit: Fit) -> list[FittedDepartures]:
         products = gram[apart, apart] - gram[apart, own] @ taken
         textbook = amplitudes_of(fit.causes[departures.cause]) + taken @ values
         size = float(textbook @ gram[own, own] @ textbook) or 1.0
-        grown = _grown(gram[own, own], amplitudes_of(fit.causes[departures.cause]), departures)
-        found.append(FittedDepartures(departures, values, products / size, grown))
+        grown, beside = _sizes_beside(gram[own, own], amplitudes_of(fit.causes[departures.cause]), departures, size)
+        found.append(FittedDepartures(departures, values, products / size, grown, beside))
     return found
 
 
-def _grown(gram: Array, amplitudes: Array, departures: Departures) -> float:
-    """Size of a cause with the amplitudes that it has beside its departures, over that which their columns are for."""
+def _sizes_beside(gram: Array, amplitudes: Array, departures: Departures, textbook: float) -> tuple[float, float]:
+    """Size of a cause with the amplitudes that it has beside its departures, over that which their columns are for and
+    over that of its best textbook form, of which the squares are given.
+    """
     before = departures.made_for
     if not departures.whole or not (was := float(before @ gram @ before)) > 0.0:
-        return 1.0
-    return float(np.sqrt(amplitudes @ gram @ amplitudes / was))
+        return 1.0, 1.0
+    squares = float(amplitudes @ gram @ amplitudes)
+    return float(np.sqrt(squares / was)), float(np.sqrt(squares / textbook))

@@ -139,6 +139,9 @@ def test_what_may_be_there_as_a_whole_counts_by_its_prior_however_much_it_shows(
             fitted = FittedDepartures(departures, np.array([part * grown, speed]), products, grown)
             assert fitted.size() == pytest.approx(SHARE * np.hypot(part, speed))
             assert fitted.share() == pytest.approx(np.hypot(3.0 * part * grown, SHARE * speed))
+    # Told as a part of the play that is there, and not of the little that its textbook form shows.
+    (told, _) = describe(FittedDepartures(departures, np.array([1.0, 0.0]), products, beside=4.0))
+    assert told.share == pytest.approx(3.0 / 4.0)
     textbook = dataclasses.replace(departures, whole=frozenset())
     assert FittedDepartures(textbook, np.array([1.0, 0.0]), products).size() == pytest.approx(3.0)
 
