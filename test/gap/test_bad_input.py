@@ -157,6 +157,7 @@ PLACES = """    def locations(self, stage):
             {LAST_LINE: "return 1.01 * ideal + values[0]"},
             "with all values 0 it changes the prediction of autocollimator",
         ),
+        ({LAST_LINE: "return ideal + (values[0] or float('nan'))"}, "effect 'my_offset' of mine fails"),
     ],
 )
 def test_a_users_effect_with_a_mistake_is_named(stage_case, tmp_path, refused, changed, problem):

@@ -80,6 +80,10 @@ def test_what_it_refuses_is_told(thermometer, recording, twin, tmp_path, capsys)
     [
         ("temperature + values * time[:3]", "could not be broadcast"),
         ("temperature * float('nan')", "not finite"),
+        (
+            "temperature + (values * time if values[0] else float('nan'))",
+            "with all values 0 it changes the prediction of reading by nan",
+        ),
         ("temperature + 0.2 + values * time", "with all values 0 it changes the prediction of reading by 10 "),
     ],
 )
