@@ -249,6 +249,14 @@ class Departing(Protocol):
 
 
 @runtime_checkable
+class DepartingAsWhole(Protocol):
+    """A problem with causes that may depart as a whole (`Departures.whole`): the textbook form may leave any part."""
+
+    def departs_as_whole(self, cause: Cause) -> bool:
+        """Whether a cause may."""
+
+
+@runtime_checkable
 class WithSlowNoise(Protocol):
     """A problem whose noise may have a slow part, by which what is slow in white rows is weighed down."""
 

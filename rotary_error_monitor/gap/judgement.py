@@ -11,6 +11,7 @@ import numpy as np
 
 from rotary_error_monitor.gap.alternatives import REJECTED, Key
 from rotary_error_monitor.gap.departures import LeavingOut
+from rotary_error_monitor.gap.fitted_sets import FittedSets, set_of
 from rotary_error_monitor.gap.fitting import Fit, fit_causes
 from rotary_error_monitor.gap.held_out import dispersion
 from rotary_error_monitor.gap.hypotheses import Hypothesis
@@ -20,8 +21,8 @@ from rotary_error_monitor.gap.posterior import (
     Posterior,
     is_likelier_instead,
     marginal_likelihood,
+    may_depart,
     weigh_against_unknown,
-    with_departures,
 )
 from rotary_error_monitor.gap.prior_conflict import find_left
 from rotary_error_monitor.gap.problem import Problem
@@ -58,13 +59,15 @@ def judge(
         return judge_open(problem, selection, false_alarms)
     doubts = _doubts(problem, chosen)
     progress("departures")
-    if chosen.settled and not doubts and (settled := _judge_settled(problem, chosen, false_alarms)):
+    sets = FittedSets(problem)
+    if chosen.settled and not doubts and (settled := _judge_settled(sets, chosen, false_alarms)):
         return settled
-    tried, learnt = _tried(problem, selection), False
+    tried, learnt = _tried(sets, selection), False
     for _ in range(MOST_ROUNDS):
         if not _learns_outliers(problem, [posterior for _, posterior in tried]):
             break
-        tried, learnt = _tried(problem, selection), True
+        sets = FittedSets(problem)
+        tried, learnt = _tried(sets, selection), True
     believed: Judgement | None = None
     if tried:
         step, best = _likeliest(tried)
@@ -72,7 +75,7 @@ def judge(
             believed = _believed(step, best, [posterior for other, posterior in tried if other is step])
     if believed and believed.verdict is Verdict.EXPLAINED:
         return believed
-    alone = _passed_by(problem, null)
+    alone = _passed_by(sets, null)
     # What the search passed by is believed only if none of the others is likelier.
     if alone and (not believed or alone[0].total > best.total):
         return _believed(null, alone[0], alone)
@@ -86,10 +89,10 @@ def judge(
     return Judgement(Verdict.UNKNOWN, null, fit, alarming(findings, null), unknown, doubts=doubts)
 
 
-def _tried(problem: Problem, selection: Selection) -> list[tuple[Step, Posterior]]:
+def _tried(sets: FittedSets, selection: Selection) -> list[tuple[Step, Posterior]]:
     """All sets of the search, and those that may look the same, weighed; each with the step that it is of."""
-    seen: set[frozenset[Key]] = set()
-    return [(step, posterior) for step in selection.steps[1:] for posterior in weigh_step(problem, step, seen)]
+    sets.seen.clear()
+    return [(step, posterior) for step in selection.steps[1:] for posterior in weigh_step(sets, step)]
 
 
 def _learns_outliers(problem: Problem, tried: Sequence[Posterior]) -> bool:
@@ -107,24 +110,25 @@ def _learns_outliers(problem: Problem, tried: Sequence[Posterior]) -> bool:
     return problem.learn_outliers(best.causes, combine(problem, columns, values))
 
 
-def _judge_settled(problem: Problem, chosen: Step, false_alarms: float) -> Judgement | None:
+def _judge_settled(sets: FittedSets, chosen: Step, false_alarms: float) -> Judgement | None:
     """Of causes that leave only noise; None where something unknown of a form that is known is likelier than one."""
+    problem = sets.problem
     fit = fit_causes(problem, chosen.fit.causes, chosen.fit)
-    needless, instead = departures_instead(problem, chosen, fit, false_alarms)
+    needless, instead = departures_instead(sets, chosen, fit, false_alarms)
     likelier = [posterior for posterior in instead if posterior.settled and posterior.likelier]
     if likelier:
         # Fewer causes that depart: others in their places may do so, which beside the needless one were not looked at.
         fewer = replace(chosen, fit=likelier[0].fit)
-        posteriors = [*_settled_with_departures(problem, fewer, likelier[0], false_alarms), *likelier[1:]]
+        posteriors = [*_settled_with_departures(sets, fewer, likelier[0], false_alarms), *likelier[1:]]
         return _believed(fewer, _likeliest([(fewer, posterior) for posterior in posteriors])[1], posteriors)
     # what is not believed in the place of a cause does not speak against it
     needless = {key: odds for key, odds in needless.items() if odds <= 0}
-    departing = with_departures(problem, fit, false_alarms)
+    departing = sets.departing(fit, false_alarms)
     if departing is not fit:
         # Beside those of rivals, their data would fill the memory.
         fit, departing = fit.without_data(), departing.without_data()
         own = weigh_against_unknown(problem, departing, (), chosen.log_alarm, chosen.table.effects)
-        posteriors = _settled_with_departures(problem, chosen, own, false_alarms)
+        posteriors = _settled_with_departures(sets, chosen, own, false_alarms)
         _, best = _likeliest([(chosen, posterior) for posterior in posteriors])
         # Where something unknown is likelier than causes that depart as far, their textbook forms are refuted as well.
         return _believed(chosen, best, posteriors) if best.likelier else None
@@ -142,9 +146,10 @@ def _in_textbook_forms(problem: Problem, step: Step, fit: Fit, needless: Mapping
     standing = [rival for rival in better if weigh_fit(problem, step, fit_causes(problem, rival.causes)).settled]
     best = max(standing, key=partial(_log_evidence, step), default=fit)
     # a likelier one that leaves something is not believed, and does not speak against what leaves nothing
-    refused = {_keys(rival) for rival in better} - {_keys(rival) for rival in standing}
-    odds = {_keys(other): _log_odds(step, other, best) for other in (fit, *rivals) if _keys(other) not in refused}
-    credits = {keys: value for keys, value in odds.items() if value > np.log(REJECTED) or keys == _keys(fit)}
+    refused = {set_of(rival.causes) for rival in better} - {set_of(rival.causes) for rival in standing}
+    others = [other for other in (fit, *rivals) if set_of(other.causes) not in refused]
+    odds = {set_of(other.causes): _log_odds(step, other, best) for other in others}
+    credits = {keys: value for keys, value in odds.items() if value > np.log(REJECTED) or keys == set_of(fit.causes)}
     told = best if standing else step.fit
     return Judgement(Verdict.EXPLAINED, step, told, (), unknown, credits=credits or None, needless=needless)
 
@@ -160,15 +165,11 @@ def _fitted_rivals(problem: Problem, step: Step) -> list[Fit]:
     return found
 
 
-def _keys(fit: Fit) -> frozenset[Key]:
-    return frozenset(cause.key for cause in fit.causes)
-
-
 def _log_odds(step: Step, fit: Fit, beside: Fit) -> float:
     return _log_evidence(step, fit) - _log_evidence(step, beside)
 
 
-def _passed_by(problem: Problem, null: Step) -> list[Posterior]:
+def _passed_by(sets: FittedSets, null: Step) -> list[Posterior]:
     """Single causes with their departures that the search may have passed by, the likeliest first; none where that is
     not likelier than something unknown, or leaves something.
 
@@ -182,23 +183,25 @@ def _passed_by(problem: Problem, null: Step) -> list[Posterior]:
     for hypothesis in sorted(table.singles(), key=lambda hypothesis: -hypothesis.log_evidence):
         if hypothesis.log_evidence > 0:
             best.setdefault(table.candidates[hypothesis.members[0]].effect.name, hypothesis)
-    fits = [fit for hypothesis in list(best.values())[:MOST_ALONE] for fit in _alone(problem, null, hypothesis)]
+    fits = [fit for hypothesis in list(best.values())[:MOST_ALONE] for fit in _alone(sets, null, hypothesis)]
     scatter = min((dispersion(fit) for fit in fits), default=1.0)
     # What is left of those that can no longer be the likeliest is not looked at: that takes as long as a fit.
     weighed, rest = list[Posterior](), sorted(fits, key=lambda fit: -_log_weight_of(null, fit, scatter))
     while rest and all(_log_weight_of(null, rest[0], scatter) > _log_weight(null, p, scatter) for p in weighed):
-        weighed.append(_weighed_alone(problem, null, rest.pop(0)))
+        weighed.append(_weighed_alone(sets.problem, null, rest.pop(0)))
     first = max(weighed, key=lambda posterior: _log_weight(null, posterior, scatter), default=None)
     if first is None or not (first.settled and first.likelier):
         return []
-    weighed += [_weighed_alone(problem, null, fit) for fit in rest]
+    weighed += [_weighed_alone(sets.problem, null, fit) for fit in rest]
     return sorted(weighed, key=lambda posterior: -_log_weight(null, posterior, scatter))
 
 
-def _alone(problem: Problem, null: Step, hypothesis: Hypothesis) -> Iterator[Fit]:
-    """A cause with its departures, unless the twin cannot predict it."""
+def _alone(sets: FittedSets, null: Step, hypothesis: Hypothesis) -> Iterator[Fit]:
+    """A cause with its departures, unless the twin cannot predict it or it leaves too much for them."""
     with suppress(UnpredictableError):
-        yield with_departures(problem, fit_causes(problem, null.table.causes(hypothesis))).without_data()
+        fit = fit_causes(sets.problem, null.table.causes(hypothesis))
+        if may_depart(sets.problem, fit):
+            yield sets.departing(fit).without_data()
 
 
 def _weighed_alone(problem: Problem, null: Step, fit: Fit) -> Posterior:
@@ -242,10 +245,10 @@ def _log_evidence(step: Step, fit: Fit) -> float:
     return marginal_likelihood(fit) + sum(step.table.log_prior(i) for i in members if i is not None)
 
 
-def _settled_with_departures(problem: Problem, step: Step, own: Posterior, false_alarms: float) -> list[Posterior]:
+def _settled_with_departures(sets: FittedSets, step: Step, own: Posterior, false_alarms: float) -> list[Posterior]:
     """Causes that leave only noise, with the departures that show nonetheless, and others in their places."""
-    seen = {_keys(step.fit)}
-    rivals = [other for causes in rivals_of(step) for other in weigh_causes(problem, step, causes, seen, false_alarms)]
+    sets.seen.add(set_of(step.fit.causes))
+    rivals = [other for causes in rivals_of(step) for other in weigh_causes(sets, step, causes, false_alarms)]
     return [own, *(other for other in rivals if other.settled)]
 
 
@@ -253,7 +256,7 @@ def _believed(step: Step, best: Posterior, others: list[Posterior]) -> Judgement
     scatter = dispersion(best.fit)
     weight = _log_weight(step, best, scatter)
     alike = [other for other in others if len(other.fit.causes) == len(best.fit.causes)]
-    credits = {_keys(other.fit): _log_weight(step, other, scatter) - weight for other in alike}
+    credits = {set_of(other.fit.causes): _log_weight(step, other, scatter) - weight for other in alike}
     return Judgement(
         Verdict.EXPLAINED if best.settled else Verdict.PARTLY_EXPLAINED,
         step,

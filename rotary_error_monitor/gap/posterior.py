@@ -17,7 +17,7 @@ from scipy.special import expit
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import Cause, Role
-from rotary_error_monitor.gap.departures import SHARE, Departing, Departures
+from rotary_error_monitor.gap.departures import SHARE, Departing, DepartingAsWhole, Departures
 from rotary_error_monitor.gap.fitted_departures import FittedDepartures
 from rotary_error_monitor.gap.fitting import Fit, KnownProducts, fit_causes, stacked_beside
 from rotary_error_monitor.gap.held_out import dispersion
@@ -153,8 +153,7 @@ def weigh_against_unknown(
         fair = max(share, SHARE) ** 2
         kept = {channel: value / (left[channel] + fair * value) for channel, value in own.items()}
         gain = sum(power[channel] / total * float(np.log1p(value)) for channel, value in kept.items())
-        beside = sum(value / total * float(np.log1p(value / left[channel])) for channel, value in power.items())
-        near |= beside > np.log1p(1 / NO_DEPARTURE)
+        near |= _is_near(power, left)
         log_odds.append(0.5 * _free(problem, cause) * gain + prior - 0.5 * float(share / SHARE) ** 2)
     instead = tuple(np.logaddexp(odds_of_slips(problem, fit), _proportional(fit)).tolist())
     return _beside(Posterior(fit, tuple(findings), tuple(log_odds), settled, near, credit, instead=instead), instead)
@@ -192,6 +191,23 @@ def _free(problem: Problem, cause: Cause) -> float:
     """Directions beside that of a cause, of those that are independent in the recording."""
     part = problem.independent(cause) if isinstance(problem, Resembled) else 1.0
     return max((FREE + 1) * part - 1, 0.0)
+
+
+def may_depart(problem: Problem, fit: Fit) -> bool:
+    """Whether of any cause in its textbook form so little is left that it could be a departure, or whether one may
+    depart as a whole; without looking for structure, which takes as long as a fit.
+    """
+    powers = powers_of(problem, fit)
+    left = _left_in(problem, fit, (), summed(powers))
+    whole = isinstance(problem, DepartingAsWhole) and any(problem.departs_as_whole(cause) for cause in fit.causes)
+    return whole or any(_is_near(power, left) for power in powers)
+
+
+def _is_near(power: Powers, left: Powers) -> bool:
+    """Whether so little is left of what a cause does that it could be a departure."""
+    total = sum(power.values()) or 1.0
+    beside = sum(value / total * float(np.log1p(value / left[channel])) for channel, value in power.items())
+    return bool(beside > np.log1p(1 / NO_DEPARTURE))
 
 
 def _left_in(problem: Problem, fit: Fit, findings: Sequence[Finding], powers: Powers) -> dict[str, float]:

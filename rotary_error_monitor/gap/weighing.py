@@ -10,6 +10,7 @@ import numpy as np
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.gap.alternatives import REJECTED, Key
 from rotary_error_monitor.gap.departures import LARGEST_POWER
+from rotary_error_monitor.gap.fitted_sets import FittedSets, set_of
 from rotary_error_monitor.gap.fitting import Fit, fit_causes
 from rotary_error_monitor.gap.held_out import dispersion
 from rotary_error_monitor.gap.hypotheses import Hypothesis
@@ -18,10 +19,10 @@ from rotary_error_monitor.gap.posterior import (
     Posterior,
     beside_proportional,
     marginal_likelihood,
+    may_depart,
     powers_of,
     reductions_beside,
     weigh_against_unknown,
-    with_departures,
 )
 from rotary_error_monitor.gap.prior_conflict import find_left
 from rotary_error_monitor.gap.problem import Finding, Problem
@@ -34,28 +35,25 @@ MOST_RIVALS = 2
 """Causes in the place of one that looks the same, whose departures are looked at as well: each costs a fit."""
 
 
-def weigh_step(problem: Problem, step: Step, seen: set[frozenset[Key]]) -> Iterator[Posterior]:
-    """The causes of a step and those that may look the same, with departures and without, and what is left of them.
-
-    Sets that were weighed before are `seen`, which is added to.
-    """
-    found = list(weigh_causes(problem, step, step.fit.causes, seen))
+def weigh_step(sets: FittedSets, step: Step) -> Iterator[Posterior]:
+    """The causes of a step and those that may look the same, with departures and without, and what is left of them."""
+    found = list(weigh_causes(sets, step, step.fit.causes))
     yield from found
     for causes in rivals_of(step) if any(posterior.near for posterior in found) else ():
-        yield from weigh_causes(problem, step, causes, seen)
+        yield from weigh_causes(sets, step, causes)
 
 
 def weigh_causes(
-    problem: Problem, step: Step, causes: tuple[Cause, ...], seen: set[frozenset[Key]], false_alarms: float = 1.0
+    sets: FittedSets, step: Step, causes: tuple[Cause, ...], false_alarms: float = 1.0
 ) -> Iterator[Posterior]:
     """Causes weighed; without those that something unknown is likelier than, weighed again; none a second time."""
-    while causes and (keys := frozenset(cause.key for cause in causes)) not in seen:
-        seen.add(keys)
+    while causes and (keys := set_of(causes)) not in sets.seen:
+        sets.seen.add(keys)
         try:
-            posterior = _posterior(problem, step, causes, false_alarms)
+            posterior = _posterior(sets, step, causes, false_alarms)
         except UnpredictableError:
             return
-        if doubt_about(problem, posterior.fit):
+        if doubt_about(sets.problem, posterior.fit):
             return
         yield posterior
         fewer = tuple(c for c, odds in zip(posterior.fit.causes, posterior.log_odds, strict=True) if odds > 0)
@@ -64,30 +62,32 @@ def weigh_causes(
         causes = fewer
 
 
-def _posterior(problem: Problem, step: Step, causes: tuple[Cause, ...], false_alarms: float) -> Posterior:
+def _posterior(sets: FittedSets, step: Step, causes: tuple[Cause, ...], false_alarms: float) -> Posterior:
     """Causes with departures or without: where nothing is left of either form the likelier, else that with better odds.
 
     Sets that leave nothing are compared by evidence, for which each has to stand in its likeliest form.
     """
+    problem = sets.problem
     fit = fit_causes(problem, causes)
     best = weigh_fit(problem, step, fit)
     if best.near or best.settled:
-        departing = with_departures(problem, fit, false_alarms)
+        departing = sets.departing(fit, false_alarms)
         best = beside_proportional(best, departing)
         if departing is not fit and _predicts(problem, weighed := weigh_fit(problem, step, departing), fit):
             both = best.settled and weighed.settled
             best = max(best, weighed, key=lambda form: marginal_likelihood(form.fit) if both else form.total)
-    needless, instead = departures_instead(problem, step, best.fit)
+    needless, instead = departures_instead(sets, step, best.fit)
     return instead[0] if instead else replace(best, fit=best.fit.without_data(), needless=needless)
 
 
 def departures_instead(
-    problem: Problem, step: Step, fit: Fit, false_alarms: float = 1.0
+    sets: FittedSets, step: Step, fit: Fit, false_alarms: float = 1.0
 ) -> tuple[dict[Key, float], list[Posterior]]:
     """Log odds that a cause is a departure of the others, and the others where that is likelier, the best first.
 
     That is looked at where a cause is no larger beside the others than a departure can be (`LARGEST_POWER`).
     """
+    problem = sets.problem
     powers = [sum(power.values()) for power in powers_of(problem, fit)]
     odds: dict[Key, float] = {}
     likelier: list[tuple[float, Posterior]] = []
@@ -96,7 +96,7 @@ def departures_instead(
         if powers[k] > LARGEST_POWER * max(powers) or member is None:
             continue
         others = fit_causes(problem, (*fit.causes[:k], *fit.causes[k + 1 :]))
-        departing = with_departures(problem, others, false_alarms)
+        departing = sets.departing(others, false_alarms) if may_depart(problem, others) else others
         needless = marginal_likelihood(departing) - marginal_likelihood(fit) - step.table.log_prior(member)
         if needless > 0:
             posterior = weigh_fit(problem, step, departing)

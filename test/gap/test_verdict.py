@@ -19,6 +19,7 @@ from rotary_error_monitor.gap.departures import (
     spread_out,
 )
 from rotary_error_monitor.gap.fitted_departures import describe
+from rotary_error_monitor.gap.fitted_sets import FittedSets
 from rotary_error_monitor.gap.fitting import fit_causes
 from rotary_error_monitor.gap.judgement import judge
 from rotary_error_monitor.gap.normal import Normal
@@ -279,7 +280,7 @@ def test_what_the_recording_rejects_beside_a_rival_is_not_told(rng):
         step = select_causes(problem, most=1).chosen
         (alike,) = (i for i, row in enumerate(step.table.candidates) if row.effect.name == "alike")
         causes = step.table.causes(step.table.evaluate((alike,)))
-        found = judgement._judge_settled(problem, replace(step, fit=fit_causes(problem, causes)), 0.01)
+        found = judgement._judge_settled(FittedSets(problem), replace(step, fit=fit_causes(problem, causes)), 0.01)
         ranking = rank_alternatives(
             found.step, found.fit.causes, found.unknown, found.dispersion, found.credits, found.needless
         )
@@ -299,7 +300,7 @@ def test_what_is_told_is_the_most_probable(rng):
         for name in ("first", "alike"):
             (place,) = (i for i, row in enumerate(step.table.candidates) if row.effect.name == name)
             causes = step.table.causes(step.table.evaluate((place,)))
-            found = judgement._judge_settled(problem, replace(step, fit=fit_causes(problem, causes)), 0.01)
+            found = judgement._judge_settled(FittedSets(problem), replace(step, fit=fit_causes(problem, causes)), 0.01)
             ranking = rank_alternatives(
                 found.step, found.fit.causes, found.unknown, found.dispersion, found.credits, found.needless
             ).ranking
@@ -314,5 +315,5 @@ def test_what_is_refused_in_the_place_of_a_cause_does_not_speak_against_it(monke
         problem = growing(seed, -2 * SHARE)
         step = select_causes(problem).chosen
         fit = fit_causes(problem, step.fit.causes)
-        odds, instead = weighing.departures_instead(problem, step, fit)
+        odds, instead = weighing.departures_instead(FittedSets(problem), step, fit)
         assert not instead and all(value <= 0 for value in odds.values()), seed

@@ -49,6 +49,11 @@ class AddedForm:
         return max((rows.shape[2] for rows in self.signals.values()), default=0)
 
 
+def has_added_forms(effect: StageEffect, jumps: bool) -> bool:
+    """Whether an effect, which may jump where the rotor turns back, has any."""
+    return jumps or effect.searched is Searched.MOMENT or effect.displaces_instrument or effect.warms
+
+
 class AddedForms:
     """Those of the effects of one recording."""
 

@@ -19,7 +19,7 @@ from rotary_error_monitor.gap.problem import Candidate, Columns, Finding, Rows, 
 from rotary_error_monitor.gap.proportion import amplitudes_of
 from rotary_error_monitor.gap.structure import Track
 from rotary_error_monitor.gap.views import View
-from rotary_error_monitor.kinds.stage.added_forms import AddedForms
+from rotary_error_monitor.kinds.stage.added_forms import AddedForms, has_added_forms
 from rotary_error_monitor.kinds.stage.admission import check_extent, check_noise, motion_remarks, noise_remarks
 from rotary_error_monitor.kinds.stage.another import check_stage, left_out
 from rotary_error_monitor.kinds.stage.distortion import distortions
@@ -234,6 +234,12 @@ class StageProblem:
             frozenset(form.kind for form in added) | (IN_PLACE_OF_JUMPS if jumps else frozenset()),
             amplitudes_of(cause),
         )
+
+    def departs_as_whole(self, cause: Cause) -> bool:
+        """As `DepartingAsWhole` asks."""
+        effect = cause.effect
+        assert isinstance(effect, StageEffect)
+        return has_added_forms(effect, self._modulations.jumps(cause))
 
     def turning(self, cause: Cause) -> tuple[Array, float]:
         """As `Reversing` asks."""

@@ -136,6 +136,10 @@ class LongStageProblem(StageProblem):
 
         return replace(first, columns=LateRows(len(first.kinds), rows_of))
 
+    def departs_as_whole(self, cause: Cause) -> bool:
+        """As `DepartingAsWhole` asks."""
+        return self._stretches[self._first_with(cause)].departs_as_whole(cause)
+
     def turning(self, cause: Cause) -> tuple[Array, float]:
         """As `Reversing` asks."""
         return self._stretches[self._first_with(cause)].turning(cause)
