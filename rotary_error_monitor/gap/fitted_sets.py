@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.gap.alternatives import Key
+from rotary_error_monitor.gap.departure_selection import with_departures
 from rotary_error_monitor.gap.fitting import Fit
-from rotary_error_monitor.gap.posterior import with_departures
 from rotary_error_monitor.gap.problem import Problem
 
 CauseSet = frozenset[Key]

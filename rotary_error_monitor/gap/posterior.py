@@ -7,24 +7,23 @@ them. The two are weighed against one another, cause by cause, on the channels t
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import expit
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import Cause, Role
-from rotary_error_monitor.gap.departures import SHARE, Departing, DepartingAsWhole, Departures
+from rotary_error_monitor.gap.departure_selection import integrated_beside
+from rotary_error_monitor.gap.departures import SHARE, DepartingAsWhole, Departures
 from rotary_error_monitor.gap.fitted_departures import FittedDepartures
-from rotary_error_monitor.gap.fitting import Fit, KnownProducts, fit_causes, stacked_beside
-from rotary_error_monitor.gap.held_out import dispersion
+from rotary_error_monitor.gap.fitting import Fit, stacked_beside
 from rotary_error_monitor.gap.hypotheses import price_of
-from rotary_error_monitor.gap.normal import Normal, combine, solve_scaled, width_of
+from rotary_error_monitor.gap.normal import combine, solve_scaled, width_of
 from rotary_error_monitor.gap.problem import Columns, Finding, Problem, Rows
-from rotary_error_monitor.gap.proportion import amplitudes_of, log_odds_in_proportion, price_of_departures
+from rotary_error_monitor.gap.proportion import amplitudes_of, price_of_departures
 from rotary_error_monitor.gap.reversals import odds_of_slips
 
 FREE = 3
@@ -260,36 +259,6 @@ def _own_parts(fit: Fit) -> list[float]:
     return found
 
 
-def with_departures(problem: Problem, fit: Fit, false_alarms: float = 1.0) -> Fit:
-    """The causes of a fit fitted again with those kinds of departure that the recording asks for.
-
-    Kinds join one by one, each time that with the most evidence, as long as that grows by more than the number of kinds
-    there are: each is as likely beforehand as any other, and as none. Where nothing else says that something is left, a
-    kind must be likelier by the false-alarm rate as well: so seldom the evidence of none grows by that. The fit
-    tells as well how much likelier something proportional to a quantity would be in the place of each cause.
-    """
-    offered = [d for d in problem.departures(fit.causes) if d.kinds] if isinstance(problem, Departing) else []
-    if not offered:
-        return fit
-    stacked = stacked_beside(problem, fit, [d.columns for d in offered])
-    labels, total = [(k, kind) for k, d in enumerate(offered) for kind in d.kinds], stacked.total()
-    likeliest, _ = likeliest_kinds(*_integrated(fit, total), labels, -float(np.log(false_alarms)))
-    chosen = set(labels) & likeliest
-    kept = [d.chosen([i for i, kind in enumerate(d.kinds) if (k, kind) in chosen]) for k, d in enumerate(offered)]
-    kept = [d for d in kept if d.kinds]
-    if not kept:
-        return fit
-    first = len(stacked.moment[0]) - len(labels)
-    own = np.r_[: len(fit.nuisance_values), first + np.flatnonzero([label in chosen for label in labels])]
-    known = KnownProducts(fit.nuisance, stacked.gram[:, own[:, None], own])
-    del stacked
-    log_prior = -len(chosen) * float(np.log(len(set(labels))))
-    departing = fit_causes(problem, fit.causes, departures=kept, known=known)
-    nuisances, scatter = len(fit.nuisance_values), dispersion(departing)
-    proportional = log_odds_in_proportion(total, nuisances, fit.causes, offered, chosen, scatter)
-    return replace(departing, log_prior=log_prior, proportional=proportional)
-
-
 def marginal_likelihood(fit: Fit) -> float:
     """Logarithm of the marginal likelihood of causes with their departures, priors of their places aside.
 
@@ -308,68 +277,13 @@ def marginal_likelihood(fit: Fit) -> float:
 
 def reductions_beside(problem: Problem, fit: Fit, columns: Columns) -> tuple[Powers, int]:
     """Squares that columns take away of what a fit leaves, by channel, and the number of columns that show."""
-    gram, moment = _integrated(fit, stacked_beside(problem, fit, [columns]).total())
+    gram, moment = integrated_beside(fit, stacked_beside(problem, fit, [columns]).total())
     shown = np.diag(gram) > 0
     amplitudes = np.zeros(len(moment))
     amplitudes[shown] = solve_scaled(gram[np.ix_(shown, shown)], moment[shown])
     taken = combine(problem, [columns], [amplitudes])
     reductions = {channel: max(float(np.sum(rows * fit.rest[channel])), 0.0) for channel, rows in taken.items()}
     return reductions, max(int(shown.sum()), 1)
-
-
-def _integrated(fit: Fit, total: Normal) -> tuple[Array, Array]:
-    """Products of the last columns with one another and with the data, all that is fitted integrated out."""
-    widths = len(fit.nuisance_values), sum(map(width_of, fit.columns)), len(fit.departure_values)
-    first = sum(widths)
-    across = np.column_stack([total.gram[:first, first:], total.moment[:first]])
-    taken = across.T @ solve_scaled(total.gram[:first, :first] + np.diag(np.repeat([1.0, 1e-12, 1.0], widths)), across)
-    return total.gram[first:, first:] - taken[:-1, :-1], total.moment[first:] - taken[:-1, -1]
-
-
-def likeliest_kinds(
-    gram: Array, moment: Array, labels: Sequence[Hashable], least: float = 0.0
-) -> tuple[set[Hashable], float]:
-    """Kinds of columns that data ask for, and the logarithm of their marginal likelihood relative to none.
-
-    Kinds join one by one, each time that with the most evidence, as long as that grows by more than the logarithm of
-    the number of kinds there are, and `least`. Those that joined before leave where they are worth no more than that.
-
-    Args:
-        gram: (q, q) products of columns with unit Gaussian priors.
-        moment: (q,) of those with the data.
-        labels: (q,) kind of each column.
-        least: how much more evidence each must bring.
-    """
-    kinds = list(dict.fromkeys(labels))
-    places = {kind: np.array([i for i, label in enumerate(labels) if label == kind]) for kind in kinds}
-    price = float(np.log(len(kinds)))
-    chosen: list[Hashable] = []
-    best = 0.0
-
-    def evidence(some: Sequence[Hashable]) -> float:
-        return log_evidence(gram, moment, np.concatenate([places[kind] for kind in some]))
-
-    while len(chosen) < len(kinds):
-        trials = {kind: evidence([*chosen, kind]) for kind in kinds if kind not in chosen}
-        kind = max(trials, key=lambda k: trials[k])
-        if trials[kind] <= best + price + least:
-            break
-        best = trials[kind]
-        chosen.append(kind)
-        while len(chosen) > 1:
-            without = {kind: evidence([k for k in chosen if k != kind]) for kind in chosen[:-1]}
-            least_needed = max(without, key=lambda k: without[k])
-            if without[least_needed] <= best - price:
-                break
-            best = without[least_needed]
-            chosen.remove(least_needed)
-    return set(chosen), best - price * len(chosen)
-
-
-def log_evidence(gram: Array, moment: Array, index: NDArray[np.intp]) -> float:
-    """Logarithm of the marginal likelihood of columns with unit Gaussian priors, relative to none of them."""
-    inner = gram[np.ix_(index, index)] + np.eye(len(index))
-    return float(0.5 * moment[index] @ np.linalg.solve(inner, moment[index]) - 0.5 * np.linalg.slogdet(inner)[1])
 
 
 def departures_of(fit: Fit) -> list[FittedDepartures]:

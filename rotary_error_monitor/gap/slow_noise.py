@@ -11,10 +11,11 @@ import numpy as np
 from scipy.special import logsumexp, ndtri
 
 from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.gap.departure_selection import likeliest_kinds
 from rotary_error_monitor.gap.known_effects import KnownEffect
 from rotary_error_monitor.gap.normal import solve_scaled
 from rotary_error_monitor.gap.options import FALSE_ALARMS
-from rotary_error_monitor.gap.posterior import NO_DEPARTURE, PRIOR_OF_UNKNOWN, likeliest_kinds
+from rotary_error_monitor.gap.posterior import NO_DEPARTURE, PRIOR_OF_UNKNOWN
 from rotary_error_monitor.noise.slow_noise import Cells, SlowNoise
 from rotary_error_monitor.noise.whitening import few_at_once
 

@@ -11,10 +11,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from rotary_error_monitor.effects.effect import Cause
+from rotary_error_monitor.gap.departure_selection import with_departures
 from rotary_error_monitor.gap.departures import Departing
 from rotary_error_monitor.gap.fitting import Fit, fit_causes
 from rotary_error_monitor.gap.held_out import UNNEEDED, chance_of_no_better, dispersion, held_out_squares, predicts
-from rotary_error_monitor.gap.posterior import with_departures
 from rotary_error_monitor.gap.problem import Finding, Problem
 from rotary_error_monitor.gap.steps import Selection, Step
 from rotary_error_monitor.gap.verdict import Judgement, Verdict, alarming, names_of, probability_of_unknown

@@ -16,7 +16,7 @@ from ablation import KINDS, PARTS, TOGETHER, WHOLE, kind_of, without
 
 from rotary_error_monitor.blind_check.cases import draw_machine, write_case
 from rotary_error_monitor.cases.making import make_machine_case, make_stage_case
-from rotary_error_monitor.gap import judgement, posterior, weighing
+from rotary_error_monitor.gap import departure_selection, judgement, posterior, weighing
 from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.fitting import fit_causes
 from rotary_error_monitor.gap.hypotheses import HypothesisTable
@@ -62,7 +62,7 @@ def test_one_kind_of_departure_is_left_out_at_a_time(found):
         assert set(kinds) <= set(KINDS)
         with without(f"departures: {words}"):
             assert kinds_of(*found) == [other for other in whole if other not in kinds]
-            assert posterior.with_departures(found[0], fit_causes(*found)) is not None
+            assert departure_selection.with_departures(found[0], fit_causes(*found)) is not None
     with without("departures"):
         assert kinds_of(*found) == []
     with without(WHOLE):

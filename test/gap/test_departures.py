@@ -12,6 +12,7 @@ from scipy.stats import multivariate_normal
 from rotary_error_monitor.effects.effect import Cause, Parameter, Role, order_location
 from rotary_error_monitor.effects.library import effect_named, load_effects
 from rotary_error_monitor.effects.rotor import StageEffect, effects_of
+from rotary_error_monitor.gap.departure_selection import likeliest_kinds
 from rotary_error_monitor.gap.departures import (
     COURSES,
     SHARE,
@@ -27,7 +28,7 @@ from rotary_error_monitor.gap.departures import (
 )
 from rotary_error_monitor.gap.fitted_departures import FittedDepartures, describe
 from rotary_error_monitor.gap.fitting import fit_causes
-from rotary_error_monitor.gap.posterior import likeliest_kinds, marginal_likelihood
+from rotary_error_monitor.gap.posterior import marginal_likelihood
 from rotary_error_monitor.gap.problem import LateRows
 
 COUNT = 4000

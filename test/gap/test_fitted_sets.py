@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from rotary_error_monitor.gap import fitted_sets, judgement
+from rotary_error_monitor.gap.departure_selection import with_departures
 from rotary_error_monitor.gap.fitted_sets import FittedSets
 from rotary_error_monitor.gap.fitting import fit_causes
-from rotary_error_monitor.gap.posterior import may_depart, with_departures
+from rotary_error_monitor.gap.posterior import may_depart
 from rotary_error_monitor.gap.selection import select_causes
 from rotary_error_monitor.gap.verdict import Verdict
 from test.gap.test_verdict import COUNT, WARMTH, DepartingProblem

@@ -9,6 +9,7 @@ import pytest
 
 from rotary_error_monitor.gap import judgement, weighing
 from rotary_error_monitor.gap.alternatives import rank_alternatives
+from rotary_error_monitor.gap.departure_selection import with_departures
 from rotary_error_monitor.gap.departures import (
     SHARE,
     Departures,
@@ -24,7 +25,7 @@ from rotary_error_monitor.gap.fitting import fit_causes
 from rotary_error_monitor.gap.judgement import judge
 from rotary_error_monitor.gap.normal import Normal
 from rotary_error_monitor.gap.p_values import log_chi_square_tail
-from rotary_error_monitor.gap.posterior import departures_of, with_departures
+from rotary_error_monitor.gap.posterior import departures_of
 from rotary_error_monitor.gap.problem import Finding
 from rotary_error_monitor.gap.proportion import log_odds_in_proportion
 from rotary_error_monitor.gap.selection import select_causes
