@@ -58,6 +58,7 @@ class MachineDescription:
         monitored: letter of the rotary axis whose six error components are measured live; none for a table only.
         limits: of its temperature.
         uncertainty: standard uncertainty of parameters by dotted name, as in the file; empty for an exact description.
+        probe_noise: standard deviation of one component of what probes the tool, m; none where nobody has stated it.
         calibrated: standard uncertainty of calibrated parts by their names under `calibration`, m or rad; that of a
             place by the name with `.shift`, m.
     """
@@ -73,6 +74,7 @@ class MachineDescription:
     limits: MachineLimits = field(default_factory=MachineLimits)
     uncertainty: Mapping[str, float] = field(default_factory=dict)
     spindle: str | None = None
+    probe_noise: float | None = None
     calibrated: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -171,6 +173,7 @@ def machine_mapping(machine: MachineDescription) -> dict[str, Any]:
         monitored=machine.monitored,
         spindle=machine.spindle,
         reference_temperature=machine.reference_temperature,
+        probe_noise=machine.probe_noise,
         axes={axis.letter: axis for axis in machine.axes},
         bodies=tuple(
             BodySection(
@@ -225,6 +228,7 @@ def _description(section: MachineSection) -> MachineDescription:
         found,
         errors=errors,
         reference_temperature=section.reference_temperature,
+        probe_noise=section.probe_noise,
         limits=section.limits,
         uncertainty=section.uncertainty,
         calibrated=dict(_calibrated(section)),

@@ -266,6 +266,10 @@ class MachineSection(Section):
     """What both forms of the section state."""
 
     reference_temperature: Temperature = REFERENCE_TEMPERATURE
+    probe_noise: Annotated[
+        float | None,
+        Expected("standard deviation of one component of the probe or tracker in m, from 1e-9 to 0.001", 1e-9, 1e-3),
+    ] = None
     errors: Annotated[
         Mapping[
             ErrorName,

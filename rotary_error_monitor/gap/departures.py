@@ -8,8 +8,10 @@ so on, by a share of its own size. That share has a real prior; without one the 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -26,6 +28,10 @@ SHARE = 0.1
 That of the prior: datasheets of scales, bearings and drives state temperature coefficients, differences between
 directions and neighbouring harmonics of some to some ten per cent of what they come with.
 """
+
+SETTLING = 1 / 16
+"""Time constant of what settles, in parts of the recording: what is four times as long is a slow course or follows the
+temperature, and what is as much shorter hardly shows."""
 
 COURSES = 40
 """Orders up to which the course of an effect that wanders over the recording is a sum of cosines."""
@@ -237,7 +243,8 @@ def _made_at(rows: Rows | SparseRows, index: NDArray[np.intp]) -> SparseRows:
 
 def percent(change: float) -> str:
     """A relative change in words for people, without its sign."""
-    return f"{100 * abs(change):.2g} %"
+    size = 100 * abs(change)
+    return f"{size:.2g} %" if size < 99.5 else f"{size:.0f} %"
 
 
 @runtime_checkable
@@ -326,6 +333,25 @@ def second_harmonic(change: float) -> str:
 def wanders(change: float) -> str:
     """Words for a slow course that is none of the others."""
     return "wanders with time"
+
+
+def settling(passed: Array, duration: float = 0.0) -> Modulation:
+    """What is larger or smaller at first and settles as a first-order system does: it runs in, or warms itself.
+
+    Args:
+        passed: (n,) part of the recording, 0 to 1, that has passed.
+        duration: of the recording, s; 0 where it is told in parts of it.
+    """
+    # Over the whole recording, so that stretches of a long one agree.
+    mean = -SETTLING * math.expm1(-1 / SETTLING)
+    spread = math.sqrt(-SETTLING / 2 * math.expm1(-2 / SETTLING) - mean**2)
+    time = f"{SETTLING * duration:.2g} s" if duration else "a sixteenth of the recording"
+    values = np.asarray((np.exp(-passed / SETTLING) - mean) / spread, np.float64)
+    return Modulation("settling", values, partial(_settles, time, (1 - mean) / spread))
+
+
+def _settles(time: str, first: float, change: float) -> str:
+    return f"{'larger' if change > 0 else 'smaller'} at first by {percent(first * change)}, settling within {time}"
 
 
 def slow_courses(passed: Array) -> list[Modulation]:

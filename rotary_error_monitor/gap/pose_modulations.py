@@ -19,6 +19,7 @@ from rotary_error_monitor.gap.departures import (
     modulated,
     modulations_by_size,
     percent,
+    settling,
     slow_courses,
     spread_out,
 )
@@ -89,7 +90,7 @@ def departures_at_poses(
     amplitudes, sizes = cause.values[cause.effect.indices(Role.LINEAR)], amplitude_sizes(cause)
     signature = np.stack([rows[channel] for channel in units], axis=1)
     passed = (time - time.min()) / (float(np.ptp(time)) or 1.0)
-    by_all = [*_modulations_by(each, True), *_modulations_by(together, False), *slow_courses(passed)]
+    by_all = [*_modulations_by(each, True), *_modulations_by(together, False), settling(passed), *slow_courses(passed)]
     by_all += _by_size((signature @ amplitudes) * np.array(list(units.values())))
     made = modulated(signature, amplitudes, sizes, by_all)
     columns = {channel: made[:, i] for i, channel in enumerate(units)}

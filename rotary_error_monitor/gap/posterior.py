@@ -22,7 +22,7 @@ from rotary_error_monitor.gap.fitted_departures import FittedDepartures
 from rotary_error_monitor.gap.fitting import Fit, stacked_beside
 from rotary_error_monitor.gap.hypotheses import price_of
 from rotary_error_monitor.gap.normal import combine, solve_scaled, width_of
-from rotary_error_monitor.gap.problem import Columns, Finding, Problem, Rows
+from rotary_error_monitor.gap.problem import FIRST_ORDER, Columns, Finding, Problem, Rows
 from rotary_error_monitor.gap.proportion import amplitudes_of, price_of_departures
 from rotary_error_monitor.gap.reversals import odds_of_slips
 
@@ -41,7 +41,7 @@ PRIOR_OF_KNOWN = 0.5
 
 NO_DEPARTURE = 0.5
 """Part of a cause's power: where its textbook form leaves more, departures need not be looked at. They would be of 70 %
-of the cause, seven standard deviations of their prior, and something unknown is always likelier."""
+of the cause, seven times what is fair, and something unknown is always likelier."""
 
 
 @runtime_checkable
@@ -142,7 +142,9 @@ def weigh_against_unknown(
     whole = summed(powers)
     left = _left_in(problem, fit, [f for f in findings if f.log_p_value < log_alarm], whole)
     shares = _shares(fit)
-    settled = not is_structured(findings, log_alarm, {**dict.fromkeys(fit.rest, 0.0), **whole})
+    settled = not is_structured(
+        findings, log_alarm, {**dict.fromkeys(fit.rest, 0.0), **_in_second_order(powers, shares)}
+    )
     # Where something unknown is always there, that none is seen beside the causes says nothing for them.
     credit = -float(np.log(PRIOR_OF_UNKNOWN)) if settled and not problem.m_open else 0.0
     prior = float(np.log(PRIOR_OF_KNOWN / effects)) + credit
@@ -153,9 +155,21 @@ def weigh_against_unknown(
         kept = {channel: value / (left[channel] + fair * value) for channel, value in own.items()}
         gain = sum(power[channel] / total * float(np.log1p(value)) for channel, value in kept.items())
         near |= _is_near(power, left)
-        log_odds.append(0.5 * _free(problem, cause) * gain + prior - 0.5 * float(share / SHARE) ** 2)
+        # How far fair departures go is known itself in its order of magnitude only: normal ones whose variance is
+        # exponential have an exponential distribution (Andrews and Mallows 1974), in which large ones are no wonder.
+        log_odds.append(0.5 * _free(problem, cause) * gain + prior - float(share / SHARE))
     instead = tuple(np.logaddexp(odds_of_slips(problem, fit), _proportional(fit)).tolist())
     return _beside(Posterior(fit, tuple(findings), tuple(log_odds), settled, near, credit, instead=instead), instead)
+
+
+def _in_second_order(powers: Sequence[Powers], shares: Array) -> Powers:
+    """Powers of causes of which a twin of first order leaves as much as of these with their departures.
+
+    Their columns are of first order as well: where two kinds depart together, or an effect that is not linear does,
+    half the square of what departs is not in them.
+    """
+    grown = np.square(1 + 0.5 * np.square(shares) / FIRST_ORDER)
+    return summed([{c: float(g) * value for c, value in own.items()} for g, own in zip(grown, powers, strict=True)])
 
 
 def is_likelier_instead(posterior: Posterior) -> bool:

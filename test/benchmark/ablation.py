@@ -10,7 +10,6 @@ import time
 from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack, contextmanager
 from functools import partial
-from itertools import compress
 from multiprocessing.connection import Connection
 from unittest.mock import PropertyMock, patch
 
@@ -21,7 +20,7 @@ from rotary_error_monitor.gap import judgement, posterior, weighing
 from rotary_error_monitor.gap.departures import Departures
 from rotary_error_monitor.gap.hypotheses import HypothesisTable
 from rotary_error_monitor.kinds.machine import problem as machine
-from rotary_error_monitor.kinds.stage import noise_learning, nuisances
+from rotary_error_monitor.kinds.stage import noise_learning, nuisances, of_whole
 from rotary_error_monitor.kinds.stage import problem as stage
 
 WHOLE = "nothing"
@@ -29,15 +28,22 @@ WHOLE = "nothing"
 
 KINDS = (
     "temperature",
+    "lagging temperature",
+    "lag",
+    "zero",
     "time",
     "direction",
     "speed",
     "load",
     "low speed",
+    "after reversals",
+    "at rest",
+    "little by little",
     "place",
     "orders",
     "harmonic",
     "size",
+    "settling",
     "course",
 )
 """Kinds of departure; those of each axis and of each order, which are several to the method, are one here."""
@@ -74,14 +80,8 @@ def kind_of(name: str) -> str:
 
 
 def _at(own: Departures, kept: list[bool]) -> Departures:
-    """Some of the columns as whole rows, of which the method chooses in its turn."""
-    return Departures(
-        own.cause,
-        tuple(compress(own.kinds, kept)),
-        tuple(compress(own.words, kept)),
-        own.changes[kept],
-        {channel: rows[:, kept] for channel, rows in own.columns.items()},
-    )
+    """Some of the columns, of which the method chooses in its turn."""
+    return own.chosen(np.flatnonzero(kept).tolist())
 
 
 def _no_price(stack: ExitStack) -> None:
@@ -107,8 +107,8 @@ def _no_slow_noise(stack: ExitStack) -> None:
 def _no_uncertainty(stack: ExitStack) -> None:
     stack.enter_context(patch.object(nuisances, "uncertain_parameters", lambda description: ()))
     for name in ("uncertain_warmings", "uncertain_forces"):
-        stack.enter_context(patch.object(stage, name, lambda twin, recording: ()))
-    stack.enter_context(patch.object(stage, "steps_of", lambda description, recording: {}))
+        stack.enter_context(patch.object(of_whole, name, lambda twin, recording: ()))
+    stack.enter_context(patch.object(of_whole, "steps_of", lambda description, recording: {}))
     stack.enter_context(patch.object(machine, "uncertain_shifts", lambda description: ()))
 
 

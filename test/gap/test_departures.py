@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -22,6 +23,8 @@ from rotary_error_monitor.gap.departures import (
     amplitude_sizes,
     columns_at,
     modulated,
+    percent,
+    settling,
     slow_courses,
     spread_out,
     wanders,
@@ -211,3 +214,24 @@ def test_effects_of_a_stage_may_wander_as_fast(stage_problem):
     effect = effect_named("lvdt_gain", problem.effects)
     (departures,) = problem.departures([Cause(effect, "x", np.array([0.01]))])
     assert departures.kinds.count("course") == COURSES - 1
+
+
+def test_what_settles_differs_at_first_as_it_says():
+    """Without a mean, of size one over a whole recording; by as much at first, and for as long, as its words tell."""
+    passed = (np.arange(200_000) + 0.5) / 200_000
+    modulation = settling(passed, duration=40.0)
+    values = modulation.values
+    assert abs(values.mean()) < 1e-6 and values.std() == pytest.approx(1.0, abs=1e-6)
+    for change in np.random.default_rng(4).normal(size=20) * SHARE:
+        pattern = r"(larger|smaller) at first by ([\d.]+) %, settling within ([\d.]+) s"
+        side, part, time = re.fullmatch(pattern, modulation.words(change)).groups()
+        assert (side == "larger") == (change > 0)
+        assert float(part) == pytest.approx(100 * abs(change) * values[0], rel=0.06), "in two digits or whole ones"
+        at = np.searchsorted(passed, float(time) / 40.0)
+        assert (values[at] - values[-1]) / (values[0] - values[-1]) == pytest.approx(np.exp(-1), abs=1e-3)
+    assert "settling within a sixteenth of the recording" in settling(passed).words(0.1)
+
+
+def test_a_change_is_told_in_plain_numbers():
+    told = {0.0123: "1.2 %", 0.5: "50 %", 0.9949: "99 %", 0.996: "100 %", -1.234: "123 %", 31.6: "3160 %"}
+    assert {change: percent(change) for change in told} == told

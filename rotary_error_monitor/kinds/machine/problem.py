@@ -15,7 +15,7 @@ from rotary_error_monitor.effects.machine_effect import LINEAR, MachineEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.departures import Departures
 from rotary_error_monitor.gap.known_effects import KnownEffects
-from rotary_error_monitor.gap.noise_level import NOISIER, SAME_LEVEL
+from rotary_error_monitor.gap.noise_level import LOUDEST, LOUDEST_UNSTATED, NOISIER, SAME_LEVEL
 from rotary_error_monitor.gap.p_values import NORMAL_QUARTILE, log_f_tail
 from rotary_error_monitor.gap.problem import Candidate, Columns, Conditions, Finding, Rows, Share
 from rotary_error_monitor.gap.slow_noise import Rivals, cosines, learn_slow_noise
@@ -70,12 +70,14 @@ class MachineProblem(TableProblem[None]):
         machine: MachineDescription,
         recording: MachineRecording,
         effects: Sequence[MachineEffect],
-        probe_std: float = PROBE_STD,
+        probe_std: float | None = None,
     ) -> None:
         self.names = {component: f"{topic_named('tool_probe')}.{component}" for component in "xyz"}
         self.machine = machine
         self.recording = recording
+        probe_std = probe_std or machine.probe_noise or PROBE_STD
         self.stated_std = self.probe_std = probe_std
+        self._loudest = LOUDEST if machine.probe_noise else LOUDEST_UNSTATED
         edges = np.linspace(0, len(recording.probe), 4 * FOLDS + 1)
         labels = (np.arange(4 * FOLDS) // 4).astype(np.intp)
         folds = Conditions(edges - 0.5, labels, tuple(f"poses {i + 1}/{FOLDS}" for i in range(FOLDS)))
@@ -155,16 +157,20 @@ class MachineProblem(TableProblem[None]):
         return tuple(found)
 
     def structure(self, rest: Rows) -> list[Finding]:
-        """Tests of what is left: its power, and every smooth error that a machine's axes can have."""
-        white = np.concatenate([rest[channel][:, 0] for channel in self.channels])
-        count = 3 * int(self.kept.sum())
+        """Tests of what is left: its power, that of each component, and every smooth error of a machine's axes."""
+        own = {channel: rest[channel][:, 0] for channel in self.channels}
+        white, count = np.concatenate(list(own.values())), int(self.kept.sum())
+        # a component alone, which may be the louder one of all, is one of as many
+        alone = [self._scatter(channel, values, count, len(own)) for channel, values in own.items()]
+        return [self._scatter("probe", white, 3 * count), *alone, *self._smooth.findings(white, self.kept)]
+
+    def _scatter(self, channel: str, white: Array, count: int, tests: int = 1) -> Finding:
+        """Test of the power of `count` white values, one of so many tests."""
         power = float(white @ white)
         # both scatter as the squares of this noise do
-        dof, dof_of_noise = count / self._noise.tails, self._noise.level.dof
-        scatter = Finding(
-            "probe", "power", log_f_tail(power / count, dof, dof_of_noise), max(0.0, power - count), "pose: scatter"
-        )
-        return [scatter, *self._smooth.findings(white, self.kept)]
+        log_p_value = log_f_tail(power / count, count / self._noise.tails, self._noise.level.dof)
+        chance = min(0.0, log_p_value + float(np.log(tests)))
+        return Finding(channel, "power", chance, max(0.0, power - count), "pose: scatter")
 
     def learn_noise(self, causes: Sequence[Cause]) -> bool:
         """Look for outliers, and for level and drift of the probe's noise again; whether rows or noise have changed."""
@@ -179,14 +185,14 @@ class MachineProblem(TableProblem[None]):
         if departing:
             taken = [self._slow_noise().plain(departing[channel])[:, 0] for channel in self.channels]
             white -= np.stack(taken) * (self.probe_std / self.stated_std)
-        kept = self._smooth.inliers(white.T)
+        kept, quiet = self._smooth.inliers(white.T)
         before = self.kept, self.drift, self.probe_std
-        self._learn_level(white, kept)
+        self._learn_level(white, quiet)
         if departing:
             # What departures as they are fitted leave of a fault may look like slow noise: that is learnt without them.
             self.drift = self.drift * (before[2] / self.probe_std)
         else:
-            self.drift = self._learn_drift(white * (self.stated_std / self.probe_std), kept, causes)
+            self.drift = self._learn_drift(white * (self.stated_std / self.probe_std), quiet, causes)
         if np.array_equal(kept, self.kept) and self.probe_std == before[2] and _alike(self.drift, before[1]):
             self.drift = before[1]
             return False
@@ -195,7 +201,8 @@ class MachineProblem(TableProblem[None]):
 
     def _learn_level(self, white: Array, kept: NDArray[np.bool_]) -> None:
         """Level of the noise; as it was where it hardly differs."""
-        self._noise = self._estimator.estimate(white, kept)
+        found = self._estimator.estimate(white, kept)
+        self._noise = found if found.level.value <= self._loudest else AS_STATED
         std = self.stated_std * self._noise.level.value
         if abs(std / self.probe_std - 1) > SAME_LEVEL:
             self.probe_std, self.std = std, np.full(len(self.channels), std)
@@ -287,7 +294,8 @@ class MachineProblem(TableProblem[None]):
     def _otherwise(self) -> list[str]:
         level, std = self.probe_std / self.stated_std, f"{1e6 * self.stated_std:.2g} µm"
         told = abs(level - 1) > max(NOISIER, 2 * float(np.sqrt(self._noise.level.variance)))
-        return [f"probe: noise is {level:.2f} times the {std} that are stated"] if told else []
+        source = "stated" if self.machine.probe_noise else "assumed; `machine.probe_noise` states it"
+        return [f"probe: noise is {level:.2f} times the {std} that are {source}"] if told else []
 
     def _drifting(self) -> list[str]:
         size = 1e6 * self.probe_std * float(np.sqrt(np.mean(np.sum(np.square(self.drift), axis=1))))

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import gammainc
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.machine import Axis, MachineDescription
 from rotary_error_monitor.effects.machine_effect import LINEAR, positioning_error
+from rotary_error_monitor.gap.options import FALSE_ALARMS
 from rotary_error_monitor.gap.p_values import chi_square_median, log_chi_square_tail
 from rotary_error_monitor.gap.problem import Finding
 from rotary_error_monitor.twin.machine import MachineRecording, predict_probe
@@ -48,6 +50,9 @@ class SmoothMachine:
         self.factors = np.column_stack([recording.direction, passed, np.sign(passed), *sides, *map(np.sign, sides)])
         """(n, k) what an error may go with: directions, time, its halves, positions and halves of the travel."""
 
+        # As they were probed, and along each axis.
+        self._orders = [np.arange(len(passed)), *np.argsort(recording.positions, axis=0, kind="stable").T]
+
     def findings(self, white: Array, kept: NDArray[np.bool_]) -> list[Finding]:
         """The smooth error of each axis that white rows (3 n,), zero where not `kept` (n,), show most of."""
         findings = []
@@ -59,10 +64,13 @@ class SmoothMachine:
             findings.append(Finding("probe", f"axis {axis}", chance, max(0.0, float(gains[best]) - 1), names[best]))
         return findings
 
-    def inliers(self, white: Array) -> NDArray[np.bool_]:
-        """Poses (n,) whose white rows (n, 3) a smooth machine can explain, by a fit that hardly weighs distant ones.
+    def inliers(self, white: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Poses (n,) that count, and (n,) those of them whose white rows (n, 3) a smooth machine can explain, by a fit
+        that hardly weighs distant ones: these tell the noise.
 
-        Every smooth error of every axis takes part, lightly held, so that an effect, however large, is no outlier.
+        Every smooth error of every axis takes part, lightly held, so that an effect, however large, is no outlier. Nor
+        are poses that stand together, in time or along an axis: what disturbs a probe knows nothing of its neighbours,
+        and what happens to some of them in turn is the machine's.
         """
         table, rows = self.columns, white.T.ravel()
         weight = np.ones(len(white))
@@ -79,7 +87,29 @@ class SmoothMachine:
         outlying: NDArray[np.bool_] = np.asarray(distance > OUTLIER * spread, bool)
         if outlying.mean() > MOST_OUTLIERS:
             outlying &= distance >= np.quantile(distance, 1 - MOST_OUTLIERS)
-        return ~outlying
+        alone = outlying
+        for order in self._orders:
+            alone = alone & ~_together(outlying, order, FALSE_ALARMS / len(self._orders))
+        return ~alone, ~outlying
+
+
+def _together(outlying: NDArray[np.bool_], order: NDArray[np.intp], least: float) -> NDArray[np.bool_]:
+    """Those of the outlying poses (n,) that have another beside them in an order, if chance puts together so many.
+
+    Of k among n that are independent k (k - 1) / n pairs are neighbours, nearly Poisson's number of them.
+
+    Args:
+        outlying: (n,) by number.
+        order: (n,) numbers of poses.
+        least: probability below which it is no chance.
+    """
+    ordered, count = outlying[order], int(outlying.sum())
+    pairs = ordered[1:] & ordered[:-1]
+    if gammainc(max(int(pairs.sum()), 1), count * (count - 1) / len(ordered)) >= least:
+        return np.zeros(len(outlying), bool)
+    beside = np.zeros(len(outlying), bool)
+    beside[order[1:][pairs]] = beside[order[:-1][pairs]] = True
+    return beside
 
 
 def _tables(

@@ -21,6 +21,7 @@ from rotary_error_monitor.gap.departures import (
     modulations_by_size,
     over_time,
     percent,
+    settling,
     slow_courses,
 )
 from rotary_error_monitor.kinds.stage.lagging import LAGS, late
@@ -101,7 +102,8 @@ class StageModulations:
             for wave in state.harmonic(order):
                 rows.append(Modulation(f"place {order}", np.sqrt(2) * wave, _around, True))
         course = np.clip(state.time / self._duration, 0, 1)
-        return [*rows, *([*self._lagging(state), *slow_courses(course)] if slow else ())]
+        late = [*self._lagging(state), settling(course, self._duration), *slow_courses(course)]
+        return [*rows, *(late if slow else ())]
 
     def _lagging(self, state: RotorState) -> list[Modulation]:
         """What follows the temperature late, or in part at once and in part late."""

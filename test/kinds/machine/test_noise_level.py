@@ -126,3 +126,78 @@ def test_repeated_poses_tell_the_noise():
 def test_few_poses_leave_the_noise_as_stated():
     problem, _ = probed(280, 3.0, poses=np.arange(40))
     assert problem.probe_std == problem.stated_std
+
+
+@pytest.mark.parametrize("level", [10.0, 100.0])
+def test_what_is_louder_than_any_probe_is_no_noise(level):
+    """Noise of 150 µm was no gap: the twin "agreed to the noise"."""
+    found = [diagnose(probed(seed, level, noise="tails" if seed % 2 else "")[0]) for seed in range(290, 294)]
+    assert all(diagnosis.verdict is Verdict.UNKNOWN for diagnosis in found)
+    assert all(any("what is left scatters" in remark for remark in diagnosis.remarks) for diagnosis in found)
+
+
+def test_noise_that_is_stated_is_known_better_than_one_that_is_assumed():
+    """Three times what a probe may have is a fault where somebody has stated it; three times an assumption is not."""
+    problem, _ = probed(300, 3.0)
+    assert learnt(problem, 3.0) == pytest.approx(1.0, rel=0.15)
+    stated = replace(problem.machine, probe_noise=problem.stated_std)
+    again = MachineProblem(stated, problem.recording, EFFECTS)
+    assert again.stated_std == again.probe_std == problem.stated_std
+    assert diagnose(again).verdict is Verdict.UNKNOWN
+    right = MachineProblem(replace(stated, probe_noise=3.0 * problem.stated_std), problem.recording, EFFECTS)
+    assert diagnose(right).verdict is Verdict.NO_GAP
+    assert not [row for row in right.remarks(right.residual(())) if "times the" in row]
+
+
+def test_a_component_that_is_noisier_than_the_others_is_no_effect():
+    """A tracker's range and angles differ. A cyclic error of a period by chance was named, with 0.8 to 0.9.
+
+    Of a shop floor's 160 poses one is named now and then nonetheless.
+    """
+    named = []
+    for seed in range(310, 334, 2):
+        draw = np.random.default_rng([seed, 9])
+        louder = 1.25 * np.eye(3)[seed % 3]  # 1.6 times the noise in this component
+
+        def noise(passed, draw=draw, louder=louder):
+            return louder * draw.normal(size=(len(passed), 3))
+
+        problem, _ = probed(seed, 1.0, added=noise)
+        diagnosis = diagnose(problem)
+        if diagnosis.causes:
+            named.append((seed, [found.cause.key for found in diagnosis.causes]))
+    assert len(named) <= 1, named
+
+
+@pytest.mark.parametrize("where", ["at the end", "for a while", "along an axis"])
+def test_poses_that_are_off_together_are_no_outliers(where):
+    """A step near the end, a bump, a place on an axis: they were "outliers of the probe", and so no gap."""
+    found = []
+    for seed in range(330, 336):
+        draw = np.random.default_rng([seed, 10])
+        shift = draw.choice([-1.0, 1.0], 3) * draw.uniform(10.0, 30.0, 3)
+        case = make_machine_case(draw_machine(seed), seed, "null", rough=bool(seed % 2))
+        count, begin = len(case.probe), draw.uniform(0.1, 0.85)
+        passed = np.arange(count) / count
+        if where == "along an axis":
+            passed = np.argsort(np.argsort(case.poses.positions[:, draw.integers(5)], kind="stable")) / count
+        off = passed > 0.93 if where == "at the end" else (passed > begin) & (passed < begin + 0.06)
+        problem, _ = probed(seed, 1.0, added=lambda _, off=off, shift=shift: np.outer(off, shift))
+        found.append(diagnose(problem).verdict)
+    assert sum(verdict is Verdict.UNKNOWN for verdict in found) >= 5, found
+
+
+def test_poses_that_are_off_one_by_one_are_outliers():
+    """As many, anywhere: the bumps of a tracker that loses its target."""
+    found = []
+    for seed in range(340, 352):
+        draw = np.random.default_rng([seed, 11])
+
+        def bumps(passed, draw=draw):
+            off = np.zeros((len(passed), 3))
+            wrong = draw.choice(len(passed), round(0.06 * len(passed)), replace=False)
+            off[wrong] = draw.normal(size=(len(wrong), 3)) * 30.0
+            return off
+
+        found.append(diagnose(probed(seed, 1.0, added=bumps)[0]).verdict)
+    assert sum(verdict is Verdict.NO_GAP for verdict in found) >= 11, found

@@ -44,6 +44,8 @@ def departing(stage_problem, seed, name, modulation):
         ("mirror_flatness", lambda state: 0.2 * np.cos(state.theta), "neighbouring orders"),
         ("graduation_error", lambda state: 0.2 * np.cos(2 * state.theta), "differs around the turn"),
         ("reversal_backlash", lambda state: -np.exp(-np.abs(state.omega) / 0.05), "softer at low speed"),
+        ("head_latency", lambda state: 0.9 * np.exp(-state.time / 3.5), "larger at first"),
+        ("lvdt_gain", lambda state: -0.7 * np.exp(-state.time / 3.0), "smaller at first"),
         ("spindle_tilt", lambda state: 0.3 * np.hypot(*state.force.T) / 100.0, "grows with the force on the shaft"),
     ],
 )
