@@ -41,7 +41,7 @@ PRIOR_OF_KNOWN = 0.5
 
 NO_DEPARTURE = 0.5
 """Part of a cause's power: where its textbook form leaves more, departures need not be looked at. They would be of 70 %
-of the cause, seven times what is fair, and something unknown is always likelier."""
+of the cause, seven standard deviations of their prior, and something unknown is always likelier."""
 
 
 @runtime_checkable
@@ -155,9 +155,7 @@ def weigh_against_unknown(
         kept = {channel: value / (left[channel] + fair * value) for channel, value in own.items()}
         gain = sum(power[channel] / total * float(np.log1p(value)) for channel, value in kept.items())
         near |= _is_near(power, left)
-        # How far fair departures go is known itself in its order of magnitude only: normal ones whose variance is
-        # exponential have an exponential distribution (Andrews and Mallows 1974), in which large ones are no wonder.
-        log_odds.append(0.5 * _free(problem, cause) * gain + prior - float(share / SHARE))
+        log_odds.append(0.5 * _free(problem, cause) * gain + prior - 0.5 * float(share / SHARE) ** 2)
     instead = tuple(np.logaddexp(odds_of_slips(problem, fit), _proportional(fit)).tolist())
     return _beside(Posterior(fit, tuple(findings), tuple(log_odds), settled, near, credit, instead=instead), instead)
 

@@ -121,6 +121,14 @@ def test_what_no_test_sees_of_a_large_departure_refutes_the_textbook_form(judged
     assert not any(told.verdict is Verdict.EXPLAINED and not told.fit.departures for told in outcomes)
 
 
+@pytest.mark.parametrize(("share", "beside", "explained"), [(0.2, 0.01, True), (0.2, 0.05, False), (0.0, 0.01, False)])
+def test_of_a_cause_that_departs_a_little_more_may_be_left(judged, share, beside, explained):
+    """Half the square of the departure, which columns of first order lack: 2 % of the cause; of none nothing."""
+    outcomes = judged(lambda first, other: (300 * (first * (1 + share * WARMTH) + beside * other), 0 * first))
+    verdicts = [told.verdict is Verdict.EXPLAINED for told in outcomes]
+    assert np.mean(verdicts) > 0.9 if explained else np.mean(verdicts) < 0.1
+
+
 def test_what_grows_from_nothing_is_no_steady_effect(judged):
     """The known effect takes three quarters of it away; the rest is no departure but another thing."""
     outcomes = judged(lambda first, other: (20 * first * (WARMTH + np.sqrt(3.0)), 0 * first))
