@@ -17,7 +17,7 @@ from scipy.special import expit
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.gap.departure_selection import integrated_beside
-from rotary_error_monitor.gap.departures import SHARE, DepartingAsWhole, Departures
+from rotary_error_monitor.gap.departures import LARGEST_POWER, SHARE, DepartingAsWhole, Departures
 from rotary_error_monitor.gap.fitted_departures import FittedDepartures
 from rotary_error_monitor.gap.fitting import Fit, stacked_beside
 from rotary_error_monitor.gap.hypotheses import price_of
@@ -164,9 +164,9 @@ def _in_second_order(powers: Sequence[Powers], shares: Array) -> Powers:
     """Powers of causes of which a twin of first order leaves as much as of these with their departures.
 
     Their columns are of first order as well: where two kinds depart together, or an effect that is not linear does,
-    half the square of what departs is not in them.
+    half the square of what departs is not in them, of no more than a departure can be.
     """
-    grown = np.square(1 + 0.5 * np.square(shares) / FIRST_ORDER)
+    grown = np.square(1 + 0.5 * np.minimum(np.square(shares), LARGEST_POWER) / FIRST_ORDER)
     return summed([{c: float(g) * value for c, value in own.items()} for g, own in zip(grown, powers, strict=True)])
 
 
