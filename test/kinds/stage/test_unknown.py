@@ -87,7 +87,7 @@ def is_alike(diagnosis, key, causes):
 def test_what_is_left_out_of_the_library_is_explained_only_by_what_looks_the_same(stage_problem):
     """Each effect that the plant has is left out in turn: what explains it nonetheless is indistinguishable from it, as
     the whole library says. So it was in 100 recordings of other seeds; in four of them it was not before slow noise was
-    weighed beside causes of any size. In 40 s the stage turns back: in one direction a backlash shows nowhere.
+    weighed beside causes of any size.
     """
     known = {e.name for e in EFFECTS}
     left_out = [name for name in stage_faults() if name in known and name not in SUMS_OF_OTHERS]
@@ -95,13 +95,14 @@ def test_what_is_left_out_of_the_library_is_explained_only_by_what_looks_the_sam
     wrong = []
     for name in left_out:
         without = tuple(e for e in EFFECTS if e.name != name)
+        seconds = 40.0 if name == "reversal_backlash" else 20.0  # before that the stage does not turn back
         for seed in (6300, 6301):
-            problem, truth = stage_problem(seed, "single", [name], duration=40.0, stage_effects=without)
+            problem, truth = stage_problem(seed, "single", [name], duration=seconds, stage_effects=without)
             diagnosis = diagnose(problem)
             if diagnosis.verdict in (Verdict.UNKNOWN, Verdict.PARTLY_EXPLAINED):
                 continue
             causes = [found.cause.key for found in diagnosis.causes]
-            whole = diagnose(stage_problem(seed, "single", [name], duration=40.0)[0])
+            whole = diagnose(stage_problem(seed, "single", [name], duration=seconds)[0])
             if not is_alike(whole, (name, truth.faults[0].location), causes):
                 wrong.append((name, seed, diagnosis.verdict.value, causes))
     assert len(wrong) <= 1, wrong
