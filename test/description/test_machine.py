@@ -94,6 +94,12 @@ def test_a_twins_parameters_make_the_published_tree(load_text: Callable[[str], M
     assert twin.uncertainty == {"errors.linear": 8e-7, "pivot_offset": 1e-6}
 
 
+def test_the_noise_of_the_probe_is_what_a_file_states(load_text: Callable[[str], MachineDescription]) -> None:
+    assert load_text(TWIN).probe_noise is None
+    stated = load_text(TWIN.replace("reference_temperature: 21.0", "probe_noise: 4.0e-06"))
+    assert stated.probe_noise == machine_from_mapping(machine_mapping(stated)).probe_noise == 4e-6
+
+
 @pytest.mark.skipif(not CASES.is_dir(), reason=f"no recorded cases in {CASES}")
 def test_every_recorded_twin_loads() -> None:
     twins = [path for path in sorted(CASES.glob("*/*/twin.yaml")) if path.read_text().startswith("machine")]
@@ -210,6 +216,12 @@ def test_a_wrong_tree_is_refused_with_its_line(
         ("EXX: {poly", "EXB: {poly", 10, "there is no axis B; the axes are X, Y, Z, C, A"),
         ("pivot_offset: 1.0e-06}", "pivot_offset: -1.0e-06}", 11, "minimum"),
         ("errors.linear:", "errors.lineal:", 11, "errors.lineal"),
+        (
+            "reference_temperature: 21.0",
+            "probe_noise: 4.0",
+            9,
+            "expected: standard deviation of one component of the probe or tracker in m, from 1e-9 to 0.001",
+        ),
     ],
 )
 def test_a_wrong_twin_is_refused_with_its_line(

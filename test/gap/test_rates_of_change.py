@@ -30,7 +30,7 @@ def test_a_change_with_time_is_a_part_of_the_larger_end(begin, seconds):
     end = 2.0 - begin
     words = over_time(end - begin, seconds)
     part = 100 * abs(end - begin) / max(begin, end)
-    assert f" {part:.2g} %" in words or (part == 100 and " 100 %" in words)
+    assert f" {'100' if part == 100 else f'{part:.2g}'} %" in words
     assert words.startswith("shrinks with time" if end < begin else "grows with time")
 
 
