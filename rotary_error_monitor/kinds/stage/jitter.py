@@ -13,10 +13,11 @@ from scipy.optimize import Bounds, minimize, minimize_scalar
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.gap.orders import order_spectrum
-from rotary_error_monitor.gap.p_values import NORMAL_QUARTILE
+from rotary_error_monitor.gap.p_values import NORMAL_QUARTILE, chi_square_median
 from rotary_error_monitor.kinds.stage.search import LINES
 from rotary_error_monitor.noise.jitter import Jitter
 from rotary_error_monitor.noise.lost_samples import bridge
+from rotary_error_monitor.noise.whitening import predictor
 
 LINE = 40.0
 """A line is this many times the power of the spectrum around it: one in 10^17 by chance."""
@@ -95,6 +96,17 @@ class SharedMotion:
         steps = np.arange(len(self.seen)) > found[:, None]
         return np.ascontiguousarray(np.concatenate([self.smooth[self.known].T, steps.astype(np.float64)]))
 
+    @property
+    def period(self) -> float:
+        """Time between samples, s."""
+        return float(np.ptp(self.time)) / (len(self.time) - 1)
+
+    def without(self, explained: Array) -> Array:
+        """(n,) values less what is explained of them (m,) where enough heads were present; zero elsewhere."""
+        left = np.zeros(len(self.values))
+        left[self.known] = self.values[self.known] - explained
+        return left
+
     def line(self, frequency: float) -> Array:
         """(2, m) cosine and sine of a frequency, Hz, there; kept: lines are taken in turn, with all before them."""
         return self._wave(("Hz", frequency), 2 * np.pi * frequency, self.seen)
@@ -116,19 +128,27 @@ def estimate_jitter(motion: SharedMotion) -> tuple[Jitter, Array]:
     What goes with the motion (slow functions of it, waves of an order) is taken out first, so that an effect of the
     drive does not pass for jitter.
     """
-    frequencies, left = _separated(motion)
-    period = float(np.ptp(motion.time)) / (len(motion.time) - 1)
+    frequencies, orders, left = _separated(motion)
+    first = _spectrum(motion, left)
+    # Least squares that take jitter for white add narrow functions to it, such as of a reversal, by what it chances to
+    # be there: spikes, which have power at all frequencies.
+    return _spectrum(motion, _without_coloured(motion, frequencies, orders, first)), frequencies
+
+
+def _spectrum(motion: SharedMotion, left: Array) -> Jitter:
+    """Of what is left (n,) of the shared motion, rad."""
     # Where nothing is known of the motion it did not stand still: that would look like power at all frequencies.
     whole = bridge(left[:, None], ~motion.known)[:, 0]
-    frequency, power = periodogram(whole, period)
-    # The mean of many periodograms scatters little, so its median is nearly its mean.
-    return fit_spectrum(frequency, power * np.log(2.0), motion.floor), frequencies
+    frequency, power, freedom = periodogram(whole, motion.period)
+    return fit_spectrum(frequency, power * freedom / chi_square_median(freedom), motion.floor)
 
 
-def periodogram(values: Array, period: float) -> tuple[Array, Array]:
-    """Frequencies in Hz above zero and one-sided power density there, averaged over stretches that overlap by half.
+def periodogram(values: Array, period: float) -> tuple[Array, Array, float]:
+    """Frequencies in Hz above zero, one-sided power density there, averaged over stretches that overlap by half, and
+    degrees of freedom of the chi-square that it scatters like.
 
-    Welch 1967, with a Hann window. (scipy.signal does the same, but takes long to load.)
+    Welch 1967, with a Hann window: of neighbouring stretches the powers are correlated by 1 / 36. (scipy.signal does
+    the same, but takes long to load.)
     """
     length = min(STRETCH, len(values))
     stretches = np.lib.stride_tricks.sliding_window_view(values, length)[:: length // 2]
@@ -136,11 +156,13 @@ def periodogram(values: Array, period: float) -> tuple[Array, Array]:
     spectra = np.fft.rfft((stretches - stretches.mean(axis=1, keepdims=True)) * window)
     power = 2 * period / np.sum(window**2) * np.mean(np.square(np.abs(spectra)), axis=0)
     last = (length + 1) // 2  # at the highest frequency of an even length both sides are one
-    return np.asarray(np.fft.rfftfreq(length, period)[1:last], np.float64), np.asarray(power[1:last], np.float64)
+    frequency = np.asarray(np.fft.rfftfreq(length, period)[1:last], np.float64)
+    count = len(stretches)
+    return frequency, np.asarray(power[1:last], np.float64), 2 * count / (1 + (1 - 1 / count) / 18)
 
 
-def _separated(motion: SharedMotion) -> tuple[Array, Array]:
-    """Frequencies of lines, and the shared motion without them, without orders and without slow functions.
+def _separated(motion: SharedMotion) -> tuple[Array, list[int], Array]:
+    """Frequencies of lines, orders, and the shared motion without either and without slow functions.
 
     Lines in frequency and in order are taken in turn, the strongest first: where the speed is constant each looks like
     the other, but only one of them fits the whole recording. What was recorded at one speed only fits both: then it is
@@ -163,21 +185,20 @@ def _separated(motion: SharedMotion) -> tuple[Array, Array]:
         else:
             orders.append(order)
         left = _without(motion, frequencies, orders)
-    return frequencies, left
+    return frequencies, orders, left
 
 
 def _strongest_line(motion: SharedMotion, left: Array) -> tuple[float, float, float]:
     """Frequency and power of the line that stands out most, and the power around it."""
     count = next_fast_len(4 * len(left), real=True)
-    period = float(np.ptp(motion.time)) / (len(left) - 1)
     power = 2 * np.abs(np.fft.rfft(left, count)) ** 2 / np.count_nonzero(motion.known)
-    frequency = np.fft.rfftfreq(count, period)
+    frequency = np.fft.rfftfreq(count, motion.period)
     band = (frequency > _lowest(motion)) & (frequency < 2 * HIGHEST)
     power, frequency = power[band], frequency[band]
     # Every eighth value keeps the median affordable; it is wide enough to pass over a line and its side lobes.
     around = np.repeat(median_filter(power[::8], 65, mode="nearest") / np.log(2.0), 8)[: len(power)]
     # What was taken out already leaves holes; the readings' noise is there nonetheless.
-    around = np.maximum(around, motion.floor / period)
+    around = np.maximum(around, motion.floor / motion.period)
     ratio = np.where(frequency < HIGHEST, power / around, 0.0)
     best = int(np.argmax(ratio))
     return float(frequency[best]), float(power[best]), float(around[best])
@@ -231,10 +252,17 @@ def _table(motion: SharedMotion, frequencies: Array, orders: list[int]) -> Array
 
 def _without(motion: SharedMotion, frequencies: Array, orders: list[int]) -> Array:
     table = _table(motion, frequencies, orders)
-    values = motion.values[motion.known]
-    left = np.zeros(len(motion.values))
-    left[motion.known] = values - _fitted(table, values) @ table
-    return left
+    return motion.without(_fitted(table, motion.values[motion.known]) @ table)
+
+
+def _without_coloured(motion: SharedMotion, frequencies: Array, orders: list[int], jitter: Jitter) -> Array:
+    """As `_without`, by least squares that know the noise's spectrum (Aitken 1935)."""
+    table = _table(motion, frequencies, orders)
+    whitener = predictor(lambda frequency: jitter.density(frequency) + motion.floor, motion.period)
+    both = np.zeros((len(motion.values), len(table) + 1))
+    both[motion.known] = np.vstack([table, motion.values[motion.known]]).T
+    white = whitener.apply(bridge(both, ~motion.known), [slice(0, len(both))]).T
+    return motion.without(_fitted(white[:-1], white[-1]) @ table)
 
 
 def _fitted(table: Array, values: Array) -> Array:
@@ -275,10 +303,15 @@ def fit_spectrum(frequency: Array, power: Array, floor: float) -> Jitter:
     The logarithm of a periodogram scatters about that of the density by the same law at all frequencies and sizes; its
     median is used (an absolute deviation), so that the lines of a cyclic effect do not count as jitter. Frequencies
     above those of any jitter take no part: many of them, where the floor is a little off, would outweigh the jitter.
+
+    Args:
+        frequency: (k,) Hz.
+        power: (k,) such that the density is the median of what it scatters about.
+        floor: density of the readings' noise.
     """
     frequency, power = frequency[1:], power[1:]
     reached = frequency <= _BOUNDS[1][1]
-    frequency, levels = frequency[reached], np.log(power[reached]) - np.log(np.log(2.0))
+    frequency, levels = frequency[reached], np.log(power[reached])
 
     def misfit(values: Array) -> float:
         std, bandwidth, shape = np.exp(values)

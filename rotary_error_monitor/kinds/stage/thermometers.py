@@ -57,11 +57,12 @@ def _stuck(stream: Stream, sensor: ListedSensor) -> str:
     """Since when it has been stuck, and where; empty where its noise may let it repeat for as long.
 
     A temperature may stand still within a step for minutes. But noise moves a reading, wherever in a step it stands,
-    and one that stays for longer than chance allows does not show it.
+    and one that stays for longer than chance allows does not show it. An instrument that cuts off towards zero, as any
+    may, reads 0 over two steps.
     """
-    most = run_by_chance(sensor.noise, sensor.resolution)
     for column in stream.values.reshape(len(stream.time), -1).T:
         begin, count = longest_run(column)
+        most = run_by_chance(sensor.noise, sensor.resolution * (1 if column[begin] else 2))
         if count > most:
             return (
                 f"stuck at {column[begin]:.4g} {sensor.unit} from {stream.time[begin]:.1f} s on: {count} equal ones "

@@ -44,6 +44,15 @@ def test_a_temperature_that_stands_still_is_not_taken_for_one_that_is_stuck(rati
         assert not said_of(*read(noise, resolution, np.full(4000, 22.0), seed))
 
 
+@pytest.mark.parametrize("ratio", [0.3, 1.0, 3.0])
+def test_one_that_cuts_off_towards_zero_reads_it_for_longer(ratio):
+    """Of a load cell whose axis nobody pushed 23 readings in a row were 0, and it was left out as stuck."""
+    for seed in range(50):
+        stage, shown = read(0.01 * ratio, 0.0, np.zeros(4000), seed)
+        stage = replace(stage, inputs={NAME: replace(stage.inputs[NAME], resolution=0.01)})
+        assert not said_of(stage, np.trunc(shown / 0.01) * 0.01)
+
+
 @pytest.mark.parametrize("ratio", [0.5, 1.0, 3.0, math.inf])
 @pytest.mark.parametrize("seed", range(5))
 def test_one_that_is_stuck_is_told_after_as_many_readings_as_chance_does_not_make_equal(ratio, seed):
