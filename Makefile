@@ -84,7 +84,7 @@ MODEL_RATES := $(addprefix test/,blind_check analysis/test_trend.py benchmark/te
 	yaml_text.py) \
 	$(addprefix commissioning/test_,coarse_heads.py graduated.py late_instruments.py) faults/test_common_zero.py \
 	$(addprefix gap/test_,cases.py gross_errors.py) \
-	$(addprefix kinds/,machine/test_diagnosis.py machine/test_noise_level.py quadrature/test_problem.py) \
+	$(addprefix kinds/,machine/test_diagnosis.py machine/test_noise_level.py machine/test_warming.py quadrature/test_problem.py) \
 	$(addprefix kinds/stage/test_,arc.py diagnosis.py no_gap.py stretches.py without_heads.py) \
 	$(addprefix metrology/test_,axis_fits.py description_check.py) cases/test_cases.py)
 # Rates that take longest are for whoever changes what they are of, and before a release: `make rates`.
@@ -110,7 +110,7 @@ DRAWN := $(addprefix test/,analysis/test_trend.py analysis/test_whole_recording.
 	$(addprefix faults/test_,all_late.py begin.py calibrated.py common_zero.py ends.py fast_stages.py few_heads.py \
 	gaps.py giving_drives.py machine_faults.py recordings.py recovery.py responses.py sampled_commands.py \
 	sampled_heads.py scattered_samples.py) $(addprefix kinds/mount/test_,periods.py problem.py slow_noise.py) \
-	$(addprefix kinds/quadrature/test_,noise.py problem.py) \
+	kinds/machine/test_warming.py $(addprefix kinds/quadrature/test_,noise.py problem.py) \
 	noise/test_listed_noise.py \
 	$(addprefix kinds/stage/test_,added_forms.py arc.py diagnosis.py forces.py no_gap.py) \
 	nodes/test_stage_files.py $(addprefix pipeline/test_,common_turns.py estimation.py joint_checks.py) recordings/test_measured_curves.py)

@@ -74,6 +74,8 @@ def read_probed_poses(
 ) -> ProbedPoses:
     """Poses and the tool's deviation at each, from a bag (a folder or an mcap file) or a CSV file.
 
+    A pose of a bag that has no temperature has that between its neighbours; where no pose has one it is the reference.
+
     `noise` is the standard deviation of one component of a deviation, m.
 
     Raises:
@@ -143,9 +145,16 @@ def _poses_of_bag(path: Path, machine: MachineDescription, noise: float) -> Prob
                 f"±{LINEAR_ERROR:g} m: is it in m, and minus the ideal position?"
             )
         position, direction = _axes_of(joints.get(probe.stamp_ns), machine, f"{path}: probe at {probe.stamp_ns} ns")
-        rows.append((position, direction, warmth.get(probe.stamp_ns, machine.reference_temperature), probe.point))
-    positions, directions, temperatures, deviations = (np.array(column) for column in zip(*rows, strict=True))
+        rows.append((position, direction, warmth.get(probe.stamp_ns, np.nan), probe.point))
+    positions, directions, read, deviations = (np.array(column) for column in zip(*rows, strict=True))
+    temperatures = _between_readings(read, machine.reference_temperature)
     return ProbedPoses(positions, directions, temperatures, deviations, noise)
+
+
+def _between_readings(temperature: Array, reference: float) -> Array:
+    """(n,) temperature of each pose: where none was read that between its neighbours, else the reference."""
+    read, number = np.isfinite(temperature), np.arange(len(temperature))
+    return np.interp(number, number[read], temperature[read]) if read.any() else np.full(len(number), reference)
 
 
 def _axes_of(state: Content | None, machine: MachineDescription, where: str) -> tuple[Array, Array]:

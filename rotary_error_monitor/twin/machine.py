@@ -25,7 +25,7 @@ class MachineRecording:
     Attributes:
         positions: (n, axes) commanded, m or rad, columns in the machine's order.
         direction: (n, axes) sign of the travel by which each position was reached.
-        temperature: (n,) °C.
+        temperature: (n,) °C, not a number where none was read.
         probe: (n, 3) tool tip as it is minus as it should be, in the workpiece's frame, m.
         remarks: what a reader should know.
     """

@@ -15,7 +15,7 @@ from rotary_error_monitor.calibration.measurements import (
     read_straightness,
 )
 from rotary_error_monitor.calibration.tracker_features import read_tracker
-from rotary_error_monitor.codec.contents import Content, JointState, PointStamped
+from rotary_error_monitor.codec.contents import Content, JointState, PointStamped, Temperature
 from rotary_error_monitor.description.machine import MachineDescription, load_machine
 from rotary_error_monitor.description.topics import pose_topics
 from rotary_error_monitor.errors import InputError
@@ -273,9 +273,17 @@ def test_poses_table(tmp_path: Path) -> None:
     np.testing.assert_array_equal(poses.direction, [[1, -1, 1]])
 
 
-def poses_bag(folder: Path, machine: MachineDescription, positions: np.ndarray, direction: np.ndarray) -> Path:
-    """Poses along X: 1 µm more at each target, 3 µm more from below, 0.1 µm more in each cycle."""
+def poses_bag(
+    folder: Path,
+    machine: MachineDescription,
+    positions: np.ndarray,
+    direction: np.ndarray,
+    temperature: dict[int, float] | None = None,
+) -> Path:
+    """Poses along X: 1 µm more at each target, 3 µm more from below, 0.1 µm more in each cycle; some temperatures."""
     contents: dict[str, list[Content]] = {JOINT_STATES: [], TOOL_PROBE: []}
+    for k, read in (temperature or {}).items():
+        contents.setdefault(TEMPERATURE, []).append(Temperature((k + 1) * 1_000_000_000, read))
     for k, (row, way) in enumerate(zip(positions, direction, strict=True)):
         stamp = (k + 1) * 1_000_000_000
         point = np.array([1e-5 * row[0] + 1.5e-6 * way[0] + 1e-7 * (k // 6), 7e-6, 0.0])
@@ -284,6 +292,23 @@ def poses_bag(folder: Path, machine: MachineDescription, positions: np.ndarray, 
     bag = folder / "bag"
     write_messages(bag, contents)
     return bag
+
+
+@pytest.mark.parametrize(
+    ("read", "expected"),
+    [
+        ({}, [20.0, 20.0, 20.0, 20.0]),
+        ({0: 24.0, 3: 27.0}, [24.0, 25.0, 26.0, 27.0]),
+        ({1: 24.0, 2: float("nan"), 3: 26.0}, [24.0, 24.0, 25.0, 26.0]),
+    ],
+)
+def test_a_pose_of_a_bag_without_a_temperature_has_that_between_its_neighbours(
+    tmp_path: Path, read: dict[int, float], expected: list[float]
+) -> None:
+    """It had the reference temperature, degrees from that of the poses before and after it."""
+    machine, rows = load_machine("pan2013"), np.zeros((4, 5))
+    poses = read_probed_poses(poses_bag(tmp_path, machine, rows, np.ones((4, 5)), read), machine, 1.5e-6)
+    assert poses.temperature.tolist() == pytest.approx(expected)
 
 
 def test_positioning_from_a_bag(tmp_path: Path) -> None:

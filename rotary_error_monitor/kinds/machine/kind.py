@@ -77,7 +77,7 @@ def record_poses(topics: Mapping[str, Sequence[Content]], machine: MachineDescri
         order = [state.names.index(letter) for letter in machine.letters]
         positions.append(state.position[order])
         directions.append(np.sign(state.velocity[order]) if len(state.velocity) else np.zeros(len(order)))
-    temperature = [warmth.get(state.stamp_ns, machine.reference_temperature) for state in states]
+    temperature = [warmth.get(state.stamp_ns, np.nan) for state in states]
     recording = MachineRecording(
         np.asarray(positions),
         np.asarray(directions),

@@ -23,6 +23,7 @@ from rotary_error_monitor.gap.table import TableProblem, acting
 from rotary_error_monitor.kinds.machine.modulations import machine_departures
 from rotary_error_monitor.kinds.machine.noise_level import AS_STATED, ProbeNoiseEstimator
 from rotary_error_monitor.kinds.machine.smooth import SmoothMachine
+from rotary_error_monitor.kinds.machine.warming import moved_by_temperature, with_smooth_temperature
 from rotary_error_monitor.kinds.machine.where import machine_advice, machine_where
 from rotary_error_monitor.machine.uncertainty import uncertain_shifts
 from rotary_error_monitor.noise.slow_noise import Cells, SlowNoise
@@ -74,7 +75,7 @@ class MachineProblem(TableProblem[None]):
     ) -> None:
         self.names = {component: f"{topic_named('tool_probe')}.{component}" for component in "xyz"}
         self.machine = machine
-        self.recording = recording
+        self.recording, self._temperature_ways = with_smooth_temperature(machine, recording)
         probe_std = probe_std or machine.probe_noise or PROBE_STD
         self.stated_std = self.probe_std = probe_std
         self._loudest = LOUDEST if machine.probe_noise else LOUDEST_UNSTATED
@@ -88,7 +89,7 @@ class MachineProblem(TableProblem[None]):
         self._plain: Array | None = None
         self._derivatives: dict[tuple[object, ...], Array] = {}
         self._moved: Array | None = None
-        self._smooth = SmoothMachine(machine, recording, probe_std)
+        self._smooth = SmoothMachine(machine, self.recording, probe_std)
         self._estimator = ProbeNoiseEstimator(self._smooth.columns, self._smooth.factors)
         self._noise = AS_STATED
         self.drift: Array = np.zeros((len(self.index), 0))
@@ -146,8 +147,9 @@ class MachineProblem(TableProblem[None]):
         """(3, n, u) change of the prediction by one standard uncertainty of each parameter, m."""
         if self._moved is None:
             base = self.predict(None, ())
-            moved = [predict_probe(shift.machine, self.recording).T - base for shift in self._shifts]
-            self._moved = np.stack(moved, axis=2) if moved else np.zeros((*base.shape, 0))
+            moved = [(predict_probe(shift.machine, self.recording).T - base)[:, :, None] for shift in self._shifts]
+            warmed = moved_by_temperature(self.machine, self.recording, self._temperature_ways, self.stated_std)
+            self._moved = np.concatenate([*moved, warmed], axis=2)
         return self._moved
 
     def candidates(self, rest: Rows, causes: Sequence[Cause]) -> tuple[Candidate, ...]:

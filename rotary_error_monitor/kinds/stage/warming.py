@@ -20,15 +20,11 @@ from rotary_error_monitor.gap.problem import FIRST_ORDER
 from rotary_error_monitor.metrology.forces import LoadCell, load_cell, shares
 from rotary_error_monitor.metrology.reading_noise import noise_of
 from rotary_error_monitor.metrology.reading_steps import step_of
+from rotary_error_monitor.metrology.unread_temperature import UNKNOWN_COURSES, UNKNOWN_WARMING, unknown_warming
 from rotary_error_monitor.twin.recording import StageRecording, Stream
 from rotary_error_monitor.twin.stage import NEIGHBOURS, Acting, StageInputs, StageTwin, turned_by
 
 TEMPERATURE = "temperature"
-
-UNKNOWN_WARMING = 3.0
-"""Standard uncertainty of a stage's warming, K, while nobody measures it."""
-
-UNKNOWN_COURSES = 4
 
 GAP = 3.5
 """Samples of a thermometer that may be missing at either end, as in a stream that has lost none."""
@@ -184,7 +180,7 @@ def _unknown(last: float) -> list[Course]:
     """Powers of time up to `last`, s."""
 
     def course(power: int) -> Course:
-        return lambda time: UNKNOWN_WARMING * (2 * np.asarray(time, np.float64) / last - 1) ** power
+        return lambda time: unknown_warming(np.asarray(time, np.float64) / last)[:, power]
 
     return [course(power) for power in range(UNKNOWN_COURSES)]
 

@@ -85,9 +85,12 @@ def test_the_size_of_slow_noise_is_told(stage_problem):
     assert 0.6 < np.median(ratios) < 1.6
 
 
-@pytest.mark.parametrize("turns", [6, 12, 20])
-def test_what_slips_on_a_slow_rotor_is_no_noise(turns):
-    """It turns with the rotor from one moment on, as slowly as noise may wander; no known effect does that."""
+@pytest.mark.parametrize(("turns", "size"), [(6, 0.9), (12, 1.2), (20, 1.5)])
+def test_what_slips_on_a_slow_rotor_is_no_noise(turns, size):
+    """It turns with the rotor from one moment on, as slowly as noise may wander; no known effect does that.
+
+    The faster, the larger slow noise would have to be to explain it; beyond what an instrument has it is none anyway.
+    """
     count, rng = 480, np.random.default_rng(turns)
     passed = (np.arange(count) + 0.5) / count
     angle, weight, uncertain = 2 * np.pi * turns * passed, np.ones((2, count)), np.zeros((2 * count, 0))
@@ -95,7 +98,7 @@ def test_what_slips_on_a_slow_rotor_is_no_noise(turns):
     for _ in range(10):
         phase = angle + rng.uniform(0, 2 * np.pi)
         slipped = passed > rng.uniform(0.2, 0.8)
-        white = rng.normal(size=(2, count)) + 1.5 * slipped * np.stack([np.cos(phase), np.sin(phase)])
+        white = rng.normal(size=(2, count)) + size * slipped * np.stack([np.cos(phase), np.sin(phase)])
         orbits = [[in_all(columns, weight) for columns in alike] for alike in _orbits(angle, passed)]
         kept.append(learn_slow_noise(white, weight, passed, uncertain, orbits) is None)
         assert learn_slow_noise(white, weight, passed, uncertain, [[]]) is not None, "by noise alone it is explained"

@@ -1,0 +1,80 @@
+"""Temperature of a machine at its poses: a smooth course, and the ways in which the thermometer may be wrong about it.
+
+Thermometers round, scatter and fall silent; an expansion that the machine states makes micrometres of that.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.description.machine import MachineDescription
+from rotary_error_monitor.metrology.smooth_course import smooth_course
+from rotary_error_monitor.metrology.unread_temperature import unknown_warming
+from rotary_error_monitor.twin.machine import MachineRecording, predict_probe
+
+LOUDEST = 0.5
+"""Standard deviation of a thermometer's readings, K, beyond which they are the machine's: that of a thermocouple."""
+
+FEWEST = 3
+"""Readings of which a course can be told."""
+
+WARMED = 1.0
+"""K by which what a warming does to the probe is found: it goes in proportion."""
+
+NOTHING = 0.01
+"""Part of the variance of the probe that ways in which the temperature may be wrong can be left out with together."""
+
+
+def with_smooth_temperature(machine: MachineDescription, recording: MachineRecording) -> tuple[MachineRecording, Array]:
+    """The recording with the temperatures that its machine had, and what they may be wrong by.
+
+    Those beyond the machine's limits are taken as not read. Where fewer than three were, the machine is taken to be at
+    its reference temperature.
+
+    Returns:
+        The recording, its remarks saying what was not read, and ways (n, k) in which its temperatures may be wrong,
+        independent, each by one standard deviation, K.
+    """
+    read, (low, high) = recording.temperature, machine.limits.temperature
+    present = np.isfinite(read)
+    beyond = present & ~((low <= read) & (read <= high))
+    good, count = np.where(present & ~beyond, read, np.nan), len(read)
+    remarks = list(recording.remarks)
+    if beyond.any():
+        first = read[np.flatnonzero(beyond)[0]]
+        remarks.append(
+            f"temperature: {np.count_nonzero(beyond)} of {count} readings are beyond {low:g} to {high:g} °C, the first "
+            f"is {first:.4g}; not used"
+        )
+    if np.count_nonzero(np.isfinite(good)) < FEWEST:
+        if np.any([axis.expansion for axis in machine.axes]):
+            remarks.append("temperature: not recorded; what expands by it is not known")
+        told, ways = np.full(count, machine.reference_temperature), unknown_warming(np.arange(count) / count)
+    else:
+        missing = np.count_nonzero(~present)
+        if missing:
+            remarks.append(f"temperature: {missing} of {count} poses have none; it is taken from the others")
+        course = smooth_course(good, LOUDEST)
+        told, ways = course.values, course.ways
+    return replace(recording, temperature=told, remarks=tuple(remarks)), ways
+
+
+def moved_by_temperature(
+    machine: MachineDescription, recording: MachineRecording, ways: Array, probe_std: float
+) -> Array:
+    """(3, n, j) change of the probe, m, by each of the ways (n, k) in which the temperature may be wrong that matters.
+
+    The ones left out make less of the probe's variance together than anyone can tell.
+    """
+    if not np.any([axis.expansion for axis in machine.axes]):
+        return np.zeros((3, len(ways), 0))
+    warmer = replace(recording, temperature=recording.temperature + WARMED)
+    grown = (predict_probe(machine, warmer) - predict_probe(machine, recording)).T / WARMED
+    moved = grown[:, :, None] * ways
+    variance = np.mean(np.square(moved), axis=(0, 1)) / probe_std**2
+    order = np.argsort(-variance)
+    left_out = np.cumsum(variance[order[::-1]])[::-1]
+    return np.asarray(moved[:, :, order[left_out > NOTHING]], np.float64)

@@ -1,0 +1,79 @@
+"""A quantity that changes steadily, from noisy readings in steps: its course, and how that may have been read wrong."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_solve_banded, cholesky_banded, eig_banded
+
+from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.metrology.reading_steps import step_of
+
+MOST_WAYS = 100
+"""Ways in which a course may be wrong that are told, the largest of them: what noise leaves open is smooth."""
+
+TRIALS = 40
+"""Stiffnesses that are weighed: neighbouring ones differ by less than readings can tell."""
+
+
+@dataclass(frozen=True)
+class SmoothCourse:
+    """What is known of a course at n readings.
+
+    Attributes:
+        values: (n,) its expectation.
+        ways: (n, k) in which it may differ from that, independent, each by one standard deviation: how an instrument
+            cuts its readings off, then what noise leaves open, the largest first.
+    """
+
+    values: Array
+    ways: Array
+
+
+def smooth_course(readings: Array, loudest: float) -> SmoothCourse:
+    """Course behind readings: the smoothing spline whose stiffness is the likeliest, with its covariance (Wahba 1983).
+
+    Readings that repeat share their rounding error: a run of equal ones counts as one.
+
+    Args:
+        readings: (n,) evenly spaced, n > 2, not a number where none was read; three were.
+        loudest: standard deviation up to which scatter of single readings may be noise.
+    """
+    read, count = np.flatnonzero(np.isfinite(readings)), len(readings)
+    step, begin = step_of(readings[read]), readings[read[0]]
+    _, run, lengths = np.unique(
+        np.cumsum(np.diff(readings[read], prepend=begin) != 0), return_inverse=True, return_counts=True
+    )
+    weights, values = np.zeros(count), np.zeros(count)
+    weights[read], values[read] = 1 / lengths[run], readings[read] - begin
+    freedom, least = max(len(lengths) - 2, 1), max(step**2 / 12, np.finfo(np.float64).tiny)
+    best = (np.inf, values, np.zeros((3, count)), least)
+    for stiffness in np.geomspace(1e-4, count**4 / 100, TRIALS):
+        precision = _precision(weights, stiffness)
+        factor = cholesky_banded(precision, lower=True)
+        course = cho_solve_banded((factor, True), weights * values)
+        left = float(np.sum(weights * values * (values - course)))
+        variance = float(np.clip(left / freedom, least, max(loudest**2, least)))
+        surprise = freedom * np.log(variance) + left / variance
+        surprise += 2 * float(np.sum(np.log(factor[0]))) - (count - 2) * np.log(stiffness)
+        if surprise < best[0]:
+            best = surprise, course, precision, variance
+    _, course, precision, variance = best
+    sizes, ways = eig_banded(precision, lower=True, select="i", select_range=(0, min(MOST_WAYS, count) - 1))
+    cut_off = np.full((count, 1 if step else 0), step / 2)
+    return SmoothCourse(begin + course, np.hstack([cut_off, ways * np.sqrt(variance / sizes)]))
+
+
+def _precision(weights: Array, stiffness: float) -> Array:
+    """(3, n) diagonals of the inverse covariance, times the variance of a reading, of a course read with weights (n,).
+
+    Its second differences are independent, each `1 / sqrt(stiffness)` standard deviations of a reading.
+    """
+    count = len(weights)
+    band = np.zeros((3, count))
+    band[0] = weights
+    for i, weight in enumerate((1.0, -2.0, 1.0)):
+        for j, other in enumerate((1.0, -2.0, 1.0)[i:]):
+            band[j, i : i + count - 2] += stiffness * weight * other
+    return band

@@ -1,0 +1,64 @@
+"""A course behind noisy readings in steps, against courses that are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rotary_error_monitor.metrology.smooth_course import smooth_course
+
+COUNT, LOUDEST = 240, 0.5
+PASSED = np.arange(COUNT) / COUNT
+UNREAD = np.abs(PASSED - 0.4) < 0.05
+
+
+def course_of(draw):
+    """A temperature of a shop over some hours."""
+    turns = draw.uniform(0.3, 1.5) * PASSED + draw.uniform()
+    return 20 + draw.uniform(-3, 3) + draw.uniform(1, 5) * np.sin(2 * np.pi * turns)
+
+
+READ = {
+    "little noise": (lambda true, draw: true + 0.02 * draw.normal(size=COUNT), 0.4, 0.0),
+    "much noise": (lambda true, draw: true + 0.3 * draw.normal(size=COUNT), 0.4, 0.0),
+    "steps": (lambda true, draw: np.rint(2 * true) / 2, 0.5, 0.25),
+    "steps, cut off": (lambda true, draw: np.floor(true), 1.1, 0.5),
+    "steps and noise": (lambda true, draw: np.rint(true + 0.3 * draw.normal(size=COUNT)), 0.6, 0.5),
+    "not all": (lambda true, draw: np.where(UNREAD, np.nan, true + 0.1 * draw.normal(size=COUNT)), 0.5, 0.0),
+}
+"""How a course is read, which part of the error of readings may be left in the mean, and half a step."""
+
+
+@pytest.mark.parametrize("way", READ)
+def test_a_course_is_nearer_than_its_readings_and_as_wrong_as_it_is_said_to_be(way):
+    read, part, half = READ[way]
+    errors, raw, stated = [], [], []
+    for seed in range(20):
+        draw = np.random.default_rng(seed)
+        true = course_of(draw)
+        readings = read(true, draw)
+        found = smooth_course(readings, LOUDEST)
+        errors.append(found.values - true)
+        raw.append(readings - true)
+        stated.append(np.sum(np.square(found.ways), axis=1))
+    assert np.sqrt(np.mean(np.square(errors))) < part * np.sqrt(np.nanmean(np.square(raw)))
+    assert np.mean(np.square(errors) / stated) < 1.5
+    assert np.sqrt(np.mean(stated)) < 1.5 * np.hypot(np.sqrt(np.nanmean(np.square(raw))), half)
+
+
+def test_readings_that_are_elsewhere_each_time_are_no_noise_of_an_instrument():
+    """Of a machine that is measured once a day."""
+    for seed in range(10):
+        readings = 20 + 4 * np.random.default_rng(seed).normal(size=COUNT)
+        found = smooth_course(readings, LOUDEST)
+        assert np.sqrt(np.mean(np.square(found.values - readings))) < LOUDEST
+
+
+@pytest.mark.parametrize(
+    "readings", [np.full(50, 20.0), 20 + 0.1 * np.arange(50.0), np.array([20.0, np.nan, 21.0, 21.5])]
+)
+def test_readings_on_a_line_are_the_course(readings):
+    found = smooth_course(readings, LOUDEST)
+    seen = np.isfinite(readings)
+    np.testing.assert_allclose(found.values[seen], readings[seen], atol=1e-6)
+    assert np.all(np.isfinite(found.ways))
