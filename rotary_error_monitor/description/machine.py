@@ -58,7 +58,7 @@ class MachineDescription:
         monitored: letter of the rotary axis whose six error components are measured live; none for a table only.
         limits: of its temperature.
         uncertainty: standard uncertainty of parameters by dotted name, as in the file; empty for an exact description.
-        probe_noise: standard deviation of one component of what probes the tool, m; none where nobody has stated it.
+        probe_noise: standard deviation of each component of what probes the tool, m; none where nobody has stated it.
         calibrated: standard uncertainty of calibrated parts by their names under `calibration`, m or rad; that of a
             place by the name with `.shift`, m.
     """
@@ -74,7 +74,7 @@ class MachineDescription:
     limits: MachineLimits = field(default_factory=MachineLimits)
     uncertainty: Mapping[str, float] = field(default_factory=dict)
     spindle: str | None = None
-    probe_noise: float | None = None
+    probe_noise: Vector | None = None
     calibrated: Mapping[str, float] = field(default_factory=dict)
 
     @property

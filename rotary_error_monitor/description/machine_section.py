@@ -261,15 +261,20 @@ class ComponentSection(Smooth):
     table: TableSection | None = None
 
 
+PROBE_NOISE = (
+    "standard deviation of one component of the probe or tracker in m, from 1e-9 to 0.001, or of [x, y, z] where they "
+    "differ"
+)
+
+ProbeNoise = Annotated[float, Expected(PROBE_NOISE, 1e-9, 1e-3)]
+
+
 @dataclass(frozen=True)
 class MachineSection(Section):
     """What both forms of the section state."""
 
     reference_temperature: Temperature = REFERENCE_TEMPERATURE
-    probe_noise: Annotated[
-        float | None,
-        Expected("standard deviation of one component of the probe or tracker in m, from 1e-9 to 0.001", 1e-9, 1e-3),
-    ] = None
+    probe_noise: Annotated[tuple[ProbeNoise, ProbeNoise, ProbeNoise] | None, Expected(PROBE_NOISE)] = None
     errors: Annotated[
         Mapping[
             ErrorName,
@@ -293,6 +298,14 @@ class MachineSection(Section):
     def variant(cls, content: Mapping[str, Any]) -> type[Any]:
         """A tree where it has bodies or axes."""
         return TreeSection if {"bodies", "axes"} & set(content) else ParameterSection
+
+    @classmethod
+    def arranged(cls, content: Mapping[str, Any]) -> tuple[Mapping[str, Any], Mapping[Place, Place]]:
+        """Noise of the probe by component, where the file states it of one."""
+        name, noise = "probe_noise", content.get("probe_noise")
+        if not isinstance(noise, int | float):
+            return content, {}
+        return {**content, name: [noise] * 3}, {(name, i): (name,) for i in range(3)}
 
     def _of_no_axis(self, letters: Collection[str]) -> Iterator[tuple[Place, str]]:
         """Errors of axes that there are not."""

@@ -97,7 +97,9 @@ def test_a_twins_parameters_make_the_published_tree(load_text: Callable[[str], M
 def test_the_noise_of_the_probe_is_what_a_file_states(load_text: Callable[[str], MachineDescription]) -> None:
     assert load_text(TWIN).probe_noise is None
     stated = load_text(TWIN.replace("reference_temperature: 21.0", "probe_noise: 4.0e-06"))
-    assert stated.probe_noise == machine_from_mapping(machine_mapping(stated)).probe_noise == 4e-6
+    assert stated.probe_noise == machine_from_mapping(machine_mapping(stated)).probe_noise == (4e-6, 4e-6, 4e-6)
+    apart = load_text(TWIN.replace("reference_temperature: 21.0", "probe_noise: [1.0e-06, 4.0e-06, 3.0e-06]"))
+    assert apart.probe_noise == machine_from_mapping(machine_mapping(apart)).probe_noise == (1e-6, 4e-6, 3e-6)
 
 
 @pytest.mark.skipif(not CASES.is_dir(), reason=f"no recorded cases in {CASES}")
@@ -221,6 +223,13 @@ def test_a_wrong_tree_is_refused_with_its_line(
             "probe_noise: 4.0",
             9,
             "expected: standard deviation of one component of the probe or tracker in m, from 1e-9 to 0.001",
+        ),
+        ("reference_temperature: 21.0", "probe_noise: [1.0e-06, 2.0e-06]", 9, r"or of \[x, y, z\] where they differ"),
+        (
+            "reference_temperature: 21.0",
+            "probe_noise: [1.0e-06, 2.0e-06, 3.0]",
+            9,
+            r"or of \[x, y, z\] where they differ",
         ),
     ],
 )

@@ -26,7 +26,7 @@ def machine_departures(problem: MachineProblem, place: int, causes: Sequence[Cau
     """
     cause, recording, axes = causes[place], problem.recording, problem.machine.axes
     rows = problem.signature(cause, cause.effect.indices(Role.LINEAR), causes)
-    units = dict.fromkeys(problem.channels, problem.probe_std)
+    units = dict(zip(problem.channels, problem.std.tolist(), strict=True))
     warming = recording.temperature - problem.machine.reference_temperature
     always = {
         "temperature": Quantity("temperature", warming, partial(_with_temperature, float(np.ptp(warming))), zero=True),

@@ -16,6 +16,7 @@ from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.departures import Departures
 from rotary_error_monitor.gap.known_effects import KnownEffects
 from rotary_error_monitor.gap.noise_level import LOUDEST, LOUDEST_UNSTATED, NOISIER, SAME_LEVEL
+from rotary_error_monitor.gap.options import FALSE_ALARMS
 from rotary_error_monitor.gap.p_values import NORMAL_QUARTILE, log_f_tail
 from rotary_error_monitor.gap.problem import Candidate, Columns, Conditions, Finding, Rows, Share
 from rotary_error_monitor.gap.slow_noise import Rivals, cosines, learn_slow_noise
@@ -57,6 +58,7 @@ class MachineProblem(TableProblem[None]):
         probe_std: stated standard deviation of one component of the probe, m.
 
     Attributes:
+        stated_std: that of all components together (root mean square), m.
         probe_std: what it is taken to be beside the causes found, m.
     """
 
@@ -76,20 +78,21 @@ class MachineProblem(TableProblem[None]):
         self.names = {component: f"{topic_named('tool_probe')}.{component}" for component in "xyz"}
         self.machine = machine
         self.recording, self._temperature_ways = with_smooth_temperature(machine, recording)
-        probe_std = probe_std or machine.probe_noise or PROBE_STD
-        self.stated_std = self.probe_std = probe_std
+        stated = np.broadcast_to(probe_std or machine.probe_noise or PROBE_STD, 3)
+        self.stated_std = self.probe_std = float(np.sqrt(np.mean(np.square(stated))))
+        self._parts = stated / self.stated_std
         self._loudest = LOUDEST if machine.probe_noise else LOUDEST_UNSTATED
         edges = np.linspace(0, len(recording.probe), 4 * FOLDS + 1)
         labels = (np.arange(4 * FOLDS) // 4).astype(np.intp)
         folds = Conditions(edges - 0.5, labels, tuple(f"poses {i + 1}/{FOLDS}" for i in range(FOLDS)))
-        super().__init__(machine, folds, recording.probe.T, np.full(3, probe_std), effects)
+        super().__init__(machine, folds, recording.probe.T, np.array(stated), effects)
         self.index = np.arange(len(self.kept), dtype=np.float64)
         self._shifts = uncertain_shifts(machine)
         self._starts: dict[tuple[str, str], Array] = {}
         self._plain: Array | None = None
         self._derivatives: dict[tuple[object, ...], Array] = {}
         self._moved: Array | None = None
-        self._smooth = SmoothMachine(machine, self.recording, probe_std)
+        self._smooth = SmoothMachine(machine, self.recording, self.std)
         self._estimator = ProbeNoiseEstimator(self._smooth.columns, self._smooth.factors)
         self._noise = AS_STATED
         self.drift: Array = np.zeros((len(self.index), 0))
@@ -148,7 +151,7 @@ class MachineProblem(TableProblem[None]):
         if self._moved is None:
             base = self.predict(None, ())
             moved = [(predict_probe(shift.machine, self.recording).T - base)[:, :, None] for shift in self._shifts]
-            warmed = moved_by_temperature(self.machine, self.recording, self._temperature_ways, self.stated_std)
+            warmed = moved_by_temperature(self.machine, self.recording, self._temperature_ways, self.std)
             self._moved = np.concatenate([*moved, warmed], axis=2)
         return self._moved
 
@@ -160,11 +163,14 @@ class MachineProblem(TableProblem[None]):
 
     def structure(self, rest: Rows) -> list[Finding]:
         """Tests of what is left: its power, that of each component, and every smooth error of a machine's axes."""
-        own = {channel: rest[channel][:, 0] for channel in self.channels}
-        white, count = np.concatenate(list(own.values())), int(self.kept.sum())
-        # a component alone, which may be the louder one of all, is one of as many
-        alone = [self._scatter(channel, values, count, len(own)) for channel, values in own.items()]
-        return [self._scatter("probe", white, 3 * count), *alone, *self._smooth.findings(white, self.kept)]
+        white, count = np.concatenate([rest[channel][:, 0] for channel in self.channels]), int(self.kept.sum())
+        findings = [self._scatter("probe", white, 3 * count), *self._scatter_of_each(rest)]
+        return [*findings, *self._smooth.findings(white, self.kept)]
+
+    def _scatter_of_each(self, rest: Rows) -> list[Finding]:
+        """A component alone, which may be the louder one of all, is one of as many."""
+        own, count = {channel: rest[channel][:, 0] for channel in self.channels}, int(self.kept.sum())
+        return [self._scatter(channel, values, count, len(own)) for channel, values in own.items()]
 
     def _scatter(self, channel: str, white: Array, count: int, tests: int = 1) -> Finding:
         """Test of the power of `count` white values, one of so many tests."""
@@ -183,7 +189,7 @@ class MachineProblem(TableProblem[None]):
 
         Of poses that were left out before that is not known: they come back if the causes alone explain them.
         """
-        white = self.error(causes) / self.stated_std
+        white = self.error(causes) / (self.stated_std * self._parts[:, None])
         if departing:
             taken = [self._slow_noise().plain(departing[channel])[:, 0] for channel in self.channels]
             white -= np.stack(taken) * (self.probe_std / self.stated_std)
@@ -207,7 +213,7 @@ class MachineProblem(TableProblem[None]):
         self._noise = found if found.level.value <= self._loudest else AS_STATED
         std = self.stated_std * self._noise.level.value
         if abs(std / self.probe_std - 1) > SAME_LEVEL:
-            self.probe_std, self.std = std, np.full(len(self.channels), std)
+            self.probe_std, self.std = std, std * self._parts
 
     def _learn_drift(self, white: Array, kept: NDArray[np.bool_], causes: Sequence[Cause]) -> Array:
         """(n, q) one standard deviation of each slow course of a component of the probe, in those of its noise."""
@@ -216,7 +222,7 @@ class MachineProblem(TableProblem[None]):
         apart = np.abs(np.diff(white[:, kept], axis=1))
         level = max(1.0, float(np.median(apart)) / (np.sqrt(2) * NORMAL_QUARTILE))
         moved = self._moved_by_uncertainty()
-        uncertain = moved.reshape(3 * len(kept), moved.shape[2]) / (self.probe_std * level)
+        uncertain = (moved / (self.std[:, None, None] * level)).reshape(3 * len(kept), moved.shape[2])
         weight = np.tile(kept, (3, 1)).astype(np.float64)
         slow = self._slow_noise()
 
@@ -291,7 +297,24 @@ class MachineProblem(TableProblem[None]):
             *self._drifting(),
             *([f"{lost} poses are outliers of the probe and were left out"] if lost else []),
             *([f"probe: what is left scatters {scatter:.2f} times as much as the probe's noise"] if noisy else []),
+            *self._uneven(rest),
         )
+
+    def _uneven(self, rest: Rows) -> list[str]:
+        """Components that scatter more than their noise, if not all do."""
+        count = max(int(self.kept.sum()), 1)
+        louder = {
+            each.channel: float(np.sqrt(np.sum(np.square(rest[each.channel])) / count))
+            for each in (self._scatter_of_each(rest) if rest else ())
+            if each.log_p_value < np.log(FALSE_ALARMS)
+        }
+        if not 0 < len(louder) < len(self.channels):
+            return []
+        told = " and ".join(f"{channel} {times:.2f} times" for channel, times in louder.items())
+        return [
+            f"probe: {told} as much as its noise, the others do not; if it is noisier there, "
+            "`machine.probe_noise: [x, y, z]` states it"
+        ]
 
     def _otherwise(self) -> list[str]:
         level, std = self.probe_std / self.stated_std, f"{1e6 * self.stated_std:.2g} µm"

@@ -34,10 +34,10 @@ class SmoothMachine:
     Args:
         machine: the description.
         recording: the poses.
-        probe_std: standard deviation of one component of the probe, m.
+        probe_std: (3,) standard deviation of the probe's components, m.
     """
 
-    def __init__(self, machine: MachineDescription, recording: MachineRecording, probe_std: float) -> None:
+    def __init__(self, machine: MachineDescription, recording: MachineRecording, probe_std: Array) -> None:
         self._tables = _tables(machine, recording, probe_std)
         table = np.concatenate([columns for _, _, columns in self._tables], axis=1)
         self.columns = table / np.maximum(np.linalg.norm(table, axis=0), 1e-12) * np.sqrt(len(table))
@@ -113,7 +113,7 @@ def _together(outlying: NDArray[np.bool_], order: NDArray[np.intp], least: float
 
 
 def _tables(
-    machine: MachineDescription, recording: MachineRecording, probe_std: float
+    machine: MachineDescription, recording: MachineRecording, probe_std: Array
 ) -> list[tuple[str, list[str], Array]]:
     """For each axis, names and white columns (3 n, p) of smooth errors: powers, harmonics, reversal, warmth.
 
@@ -134,7 +134,7 @@ def _tables(
             found = {**shapes, "direction": direction, "temperature": warming * position} if own else shapes
             for words, shape in found.items():
                 names.append(f"pose: {component}, {words} of {axis.letter}")
-                columns.append((lever * shape[:, None]).T.ravel() / probe_std)
+                columns.append((lever * shape[:, None] / probe_std).T.ravel())
         tables.append((axis.letter, names, np.stack(columns, axis=1)))
     return tables
 

@@ -63,18 +63,18 @@ def with_smooth_temperature(machine: MachineDescription, recording: MachineRecor
 
 
 def moved_by_temperature(
-    machine: MachineDescription, recording: MachineRecording, ways: Array, probe_std: float
+    machine: MachineDescription, recording: MachineRecording, ways: Array, probe_std: Array
 ) -> Array:
     """(3, n, j) change of the probe, m, by each of the ways (n, k) in which the temperature may be wrong that matters.
 
-    The ones left out make less of the probe's variance together than anyone can tell.
+    The ones left out make less of the probe's variance, of standard deviations (3,) m, together than anyone can tell.
     """
     if not np.any([axis.expansion for axis in machine.axes]):
         return np.zeros((3, len(ways), 0))
     warmer = replace(recording, temperature=recording.temperature + WARMED)
     grown = (predict_probe(machine, warmer) - predict_probe(machine, recording)).T / WARMED
     moved = grown[:, :, None] * ways
-    variance = np.mean(np.square(moved), axis=(0, 1)) / probe_std**2
+    variance = np.mean(np.square(moved / probe_std[:, None, None]), axis=(0, 1))
     order = np.argsort(-variance)
     left_out = np.cumsum(variance[order[::-1]])[::-1]
     return np.asarray(moved[:, :, order[left_out > NOTHING]], np.float64)

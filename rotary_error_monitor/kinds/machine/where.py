@@ -25,7 +25,7 @@ POSES = 120
 
 def machine_where(problem: MachineProblem, causes: Sequence[Cause], rest: Rows, explained: bool) -> list[Share]:
     """Shares of x, y and z, largest first; empty if nothing exceeds the noise."""
-    noise = problem.probe_std
+    noise = problem.std
     if explained:
         machine, recording = problem.machine, problem.recording
         signals = predict_probe(machine, recording, causes) - predict_probe(machine, recording)
@@ -42,7 +42,7 @@ def machine_where(problem: MachineProblem, causes: Sequence[Cause], rest: Rows, 
             f"{topic_named('tool_probe')}.{problem.channels[i]}",
             float(powers[i]) / total,
             float(np.sqrt(powers[i])),
-            noise,
+            float(noise[i]),
             _describe(problem, signals[:, i], float(powers[i])),
             problem.unit,
         )
@@ -126,7 +126,7 @@ def _distance(problem: MachineProblem, first: Cause, rival: Cause, planned: Mach
     base = predict_probe(problem.machine, planned)
 
     def shown(cause: Cause) -> Array:
-        return (predict_probe(problem.machine, planned, (cause,)) - base).ravel() / problem.probe_std
+        return (predict_probe(problem.machine, planned, (cause,)) - base).ravel() / np.tile(problem.std, len(base))
 
     columns = []
     for index in rival.effect.indices(Role.LINEAR):

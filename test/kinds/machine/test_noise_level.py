@@ -140,11 +140,11 @@ def test_noise_that_is_stated_is_known_better_than_one_that_is_assumed():
     """Three times what a probe may have is a fault where somebody has stated it; three times an assumption is not."""
     problem, _ = probed(300, 3.0)
     assert learnt(problem, 3.0) == pytest.approx(1.0, rel=0.15)
-    stated = replace(problem.machine, probe_noise=problem.stated_std)
+    stated = replace(problem.machine, probe_noise=(problem.stated_std,) * 3)
     again = MachineProblem(stated, problem.recording, EFFECTS)
     assert again.stated_std == again.probe_std == problem.stated_std
     assert diagnose(again).verdict is Verdict.UNKNOWN
-    right = MachineProblem(replace(stated, probe_noise=3.0 * problem.stated_std), problem.recording, EFFECTS)
+    right = MachineProblem(replace(stated, probe_noise=(3.0 * problem.stated_std,) * 3), problem.recording, EFFECTS)
     assert diagnose(right).verdict is Verdict.NO_GAP
     assert not [row for row in right.remarks(right.residual(())) if "times the" in row]
 
@@ -201,3 +201,22 @@ def test_poses_that_are_off_one_by_one_are_outliers():
 
         found.append(diagnose(probed(seed, 1.0, added=bumps)[0]).verdict)
     assert sum(verdict is Verdict.NO_GAP for verdict in found) >= 11, found
+
+
+@pytest.mark.parametrize("seed", [320, 321, 323])
+def test_a_tracker_that_is_noisier_in_one_direction_is_stated_by_component(seed):
+    """Its angles are as noisy as it is far away, its range is not: such a machine was always something unknown."""
+    draw, parts = np.random.default_rng([seed, 9]), np.roll([0.5, 1.0, 3.0], seed)
+
+    def noise(passed):
+        return np.sqrt(np.maximum(np.square(parts) - 1, 0.0)) * draw.normal(size=(len(passed), 3))
+
+    problem, _ = probed(seed, 1.0, added=noise)
+    told = [remark for remark in diagnose(problem).remarks if "`machine.probe_noise: [x, y, z]` states it" in remark]
+    loudest = "xyz"[int(np.argmax(parts))]
+    assert len(told) == 1 and told[0].startswith(f"probe: {loudest} ")
+    stated = replace(problem.machine, probe_noise=tuple(PROBE_STD * np.maximum(parts, 1.0)))
+    again = MachineProblem(stated, problem.recording, EFFECTS)
+    assert diagnose(again).verdict is Verdict.NO_GAP
+    assert again.probe_std / again.stated_std == pytest.approx(1.0, abs=0.08)
+    np.testing.assert_allclose(again.std / np.maximum(parts, 1.0), PROBE_STD, rtol=0.08)
