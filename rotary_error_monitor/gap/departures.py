@@ -325,6 +325,17 @@ def with_its_size(change: float) -> str:
     return f"grows {'more' if change > 0 else 'less'} than in proportion to its size"
 
 
+def unlike_components(samples: int) -> Modulation:
+    """What an instrument shows in its two components by unlike amounts; one amplitude textbooks have for both."""
+    return Modulation("unlike axes", np.tile([1.0, -1.0], (samples, 1)), larger_in_one)
+
+
+def larger_in_one(change: float) -> str:
+    """Words for more in the first component and less in the second."""
+    first, second = "xy" if change > 0 else "yx"
+    return f"larger in {first} than in {second} by {percent(2 * change)}"
+
+
 def second_harmonic(change: float) -> str:
     """Words for a modulation by what the cause does."""
     return "brings its second harmonic"

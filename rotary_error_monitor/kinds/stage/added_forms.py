@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Protocol
 
@@ -37,11 +37,13 @@ class AddedForm:
         kind: departures of one kind are taken together.
         words: says what it is.
         signals: (n, k, q) by stream, for one standard deviation of each.
+        whole: whether a real thing has all of it as easily as some (`Departures.whole`).
     """
 
     kind: str
     words: Words
     signals: Signals
+    whole: bool = True
 
     @property
     def count(self) -> int:
@@ -50,7 +52,7 @@ class AddedForm:
 
 
 def has_added_forms(effect: StageEffect, jumps: bool) -> bool:
-    """Whether an effect, which may jump where the rotor turns back, has any."""
+    """Whether an effect, which may jump where the rotor turns back, has any that may be there as a whole."""
     return jumps or effect.searched is Searched.MOMENT or effect.displaces_instrument or effect.warms
 
 
@@ -79,6 +81,8 @@ class AddedForms:
             found.append(AddedForm("zero", zero_wanders, zeros))
         if effect.warms:
             found.append(self._lagging(cause, causes, signatures))
+        if self._modulations.goes_with_force(cause):
+            found.append(self._unlike_directions(cause, causes))
         return found
 
     def staying(self, cause: Cause, causes: Sequence[Cause]) -> Signals:
@@ -110,6 +114,19 @@ class AddedForms:
                 parts[name].append((rows - signatures[name]) @ amplitudes)
         return AddedForm("lag", lags, {name: np.stack(part, axis=2) for name, part in parts.items()})
 
+    def _unlike_directions(self, cause: Cause, causes: Sequence[Cause]) -> AddedForm:
+        """What yields more along one direction than across it: a symmetric tensor in the place of a number."""
+        linear, amplitudes = linear_values(cause)
+        force = self._twin.inputs.force
+        turned: list[Callable[[Array], Array]] = [lambda t: force(t) * [1.0, -1.0], lambda t: force(t)[:, ::-1]]
+        parts: dict[str, list[Array]] = {}
+        for other in turned:
+            twin = self._twin.driven_by(replace(self._twin.inputs, force=other))
+            for name, rows in self._derivatives(cause, linear, causes, twin).items():
+                parts.setdefault(name, []).append(SHARE * (rows @ amplitudes))
+        signals = {name: np.stack(part, axis=2) for name, part in parts.items()}
+        return AddedForm("unlike directions", yields_more_along_one, signals, whole=False)
+
     def _zeros(self, cause: Cause, stream: str, components: int) -> Array:
         """(n, k, q) each component of a stream in each slow course, as large as what the cause does there."""
         courses = self._modulations.slow(self._twin.state(stream))
@@ -120,6 +137,11 @@ class AddedForms:
 def lags(change: float) -> str:
     """Words for what is later than the thermometer."""
     return "lags behind the thermometer"
+
+
+def yields_more_along_one(change: float) -> str:
+    """Words for a stiffness that is not the same in all directions."""
+    return "yields more along one direction than across it"
 
 
 def zero_wanders(change: float) -> str:

@@ -23,11 +23,12 @@ from rotary_error_monitor.gap.departures import (
     percent,
     settling,
     slow_courses,
+    unlike_components,
 )
 from rotary_error_monitor.kinds.stage.lagging import LAGS, late
 from rotary_error_monitor.kinds.stage.play import Play
 from rotary_error_monitor.sensors.library import instrument_of
-from rotary_error_monitor.twin.stage import StageTwin
+from rotary_error_monitor.twin.stage import Signals, StageInputs, StageTwin
 
 LOOKS = 2000
 """Instants of a recording from which the size of a modulation is told."""
@@ -40,6 +41,9 @@ SOFT = (1 / 128, 1 / 32, 1 / 8)
 
 IN_PLACE_OF_JUMPS = frozenset({"low speed", "after reversals"})
 """Kinds in which an effect that jumps where the rotor turns back may depart as a whole: no real thing jumps."""
+
+COMPONENTS = 2
+"""Of an instrument that shows a plane."""
 
 _HELD = 0.01
 """Part of the power of what differs around the turn up to which neighbouring orders describe it."""
@@ -173,6 +177,15 @@ class StageModulations:
         """Those that follow from what the cause does (n, k) to a stream."""
         return modulations_by_size(signal, self.size(cause, stream))
 
+    @staticmethod
+    def of_components(cause: Cause, signatures: Signals) -> Callable[[int], list[Modulation]]:
+        """Of so many samples those of the components, where a cause of one amplitude acts on two of an instrument."""
+        single = len(cause.effect.indices(Role.LINEAR)) == 1
+        alone = len({instrument_of(name) for name in signatures}) == 1
+        if single and alone and all(rows.shape[1] == COMPONENTS for rows in signatures.values()):
+            return lambda samples: [unlike_components(samples)]
+        return lambda samples: []
+
     def size(self, cause: Cause, stream: str) -> float:
         """What a cause does to a stream and to those of the same instrument, root mean square over the recording."""
         name = instrument_of(stream)
@@ -193,18 +206,29 @@ class StageModulations:
 
     def jumps(self, cause: Cause) -> bool:
         """Whether what an effect does depends on the sign of the speed and not on its size."""
+        inputs = self._twin.inputs
+        change = [
+            self._changed(self._twin, cause, replace(inputs, omega=partial(_scaled, inputs.omega, factor)))
+            for factor in (-1.0, 2.0)
+        ]
+        return change[0] > 1.0 and change[1] < 1e-3
+
+    def goes_with_force(self, cause: Cause) -> bool:
+        """Whether what an effect does is in proportion to the force on the shaft."""
+        inputs, few = self._few.inputs, self._few
+        if not np.any(inputs.force(self._time)):
+            return False
+        return abs(self._changed(few, cause, replace(inputs, force=partial(_scaled, inputs.force, 2.0))) - 1) < 1e-3
+
+    def _changed(self, twin: StageTwin, cause: Cause, inputs: StageInputs) -> float:
+        """Power of what other inputs change of what a cause does, as a part of that."""
         effect = cause.effect
         assert isinstance(effect, StageEffect)
-        streams = tuple(name for name in self._twin.times if effect.touches(cause.location, name))
-        plain = self._moved(self._twin, cause, streams)
+        streams = tuple(name for name in twin.times if effect.touches(cause.location, name))
+        plain, other = self._moved(twin, cause, streams), self._moved(twin.driven_by(inputs), cause, streams)
         size = sum(float(np.sum(np.square(values))) for values in plain.values())
-
-        def change(factor: float) -> float:
-            inputs = replace(self._twin.inputs, omega=partial(_scaled, self._twin.inputs.omega, factor))
-            other = self._moved(self._twin.driven_by(inputs), cause, streams)
-            return sum(float(np.sum(np.square(other[name] - plain[name]))) for name in streams)
-
-        return change(-1.0) > size and change(2.0) < 1e-3 * size
+        change = sum(float(np.sum(np.square(other[name] - plain[name]))) for name in streams)
+        return change / max(size, np.finfo(np.float64).tiny)
 
     @staticmethod
     def _moved(twin: StageTwin, cause: Cause, streams: tuple[str, ...]) -> dict[str, Array]:

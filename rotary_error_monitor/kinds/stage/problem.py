@@ -203,6 +203,7 @@ class StageProblem:
         jumps, slow = self._modulations.jumps(cause), self._modulations.may_wander(cause) and form_told
         signatures = self._derivatives(cause, linear, causes)
         added = self._added.of(cause, causes, signatures, jumps)
+        of_components = self._modulations.of_components(cause, signatures)
         white: Rows = {}
         labels = {"": spread_out((), amplitudes, sizes)}
         proportional: dict[str, tuple[Array, ...]] = {}
@@ -214,6 +215,7 @@ class StageProblem:
                 modulations = self._modulations.of_state(self.twin.state(name), places, jumps, slow)
                 if form_told:
                     modulations += self._modulations.of_size(cause, signature @ amplitudes, name)
+                modulations += of_components(len(signature))
                 beside = [SHARE * sizes * rows[name] for rows in around]
                 beside += [form.signals[name] for form in added if name in form.signals]
                 stacked[name] = modulated(signature, amplitudes, sizes, modulations, beside)
@@ -231,7 +233,7 @@ class StageProblem:
             white,
             (*(None for _ in kinds), *orders, *(None for _ in others)),
             proportional.get(next(reversed(signatures), ""), ()),
-            frozenset(form.kind for form in added) | (IN_PLACE_OF_JUMPS if jumps else frozenset()),
+            frozenset(form.kind for form in added if form.whole) | (IN_PLACE_OF_JUMPS if jumps else frozenset()),
             amplitudes_of(cause),
         )
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
 
+from rotary_error_monitor.cases.departures import draws, forms, readings
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
@@ -59,6 +61,27 @@ def test_a_departure_is_told(name, modulation, words, stage_problem):
         patterns = [row.pattern for found in diagnosis.causes for row in found.departures]
         told.append(alone and diagnosis.causes[0].probability > 0.5 and any(words in pattern for pattern in patterns))
     assert sum(told) >= 2
+
+
+@pytest.mark.parametrize(
+    ("name", "mechanism", "words"),
+    [
+        ("autocollimator_nonlinearity", readings.UnlikeAxes, "larger in [xy] than in [xy] by"),
+        ("load_compliance", forms.UnlikeSides, "yields more along one direction than across it"),
+    ],
+)
+def test_what_is_unlike_in_two_directions_is_told(name, mechanism, words, stage_problem, monkeypatch):
+    """By a plant of its own. Without a form for it they were something unknown, from a tenth on."""
+    monkeypatch.setattr(draws, "MECHANISMS", {name: (mechanism,)})
+    told, shares = [], []
+    for seed in range(60, 66):
+        problem, truth = stage_problem(seed, "variant", [name], snr=(300.0, 600.0), duration=40.0)
+        diagnosis = diagnose(problem)
+        named = [found.cause.effect.name for found in diagnosis.causes]
+        patterns = [row.pattern for found in diagnosis.causes for row in found.departures]
+        shares.append(truth.departure.share)
+        told.append(named == [name] and any(re.match(words, pattern) for pattern in patterns))
+    assert sum(told) >= 4, list(zip(shares, told, strict=True))
 
 
 def test_neighbouring_orders_of_a_cause_can_be_put_into_the_twin(stage_problem):
