@@ -35,7 +35,8 @@ _LOG_PRIOR = np.log(_PRIOR / np.sum(_PRIOR) / len(FALLS))
 """Of each size, by the logarithm of which they are spaced, and of either law."""
 
 LARGEST = float(ndtri(1 - FALSE_ALARMS / 2))
-"""Size beyond which it is no noise of an instrument: that prior holds it for less likely than a false alarm may be."""
+"""Size, as it may be and as it is seen, beyond which it is no noise of an instrument: that prior holds it for less
+likely than a false alarm may be. A steady drift is seen larger than walks of which it may be one are on average."""
 
 UNDESCRIBED = 2.0
 """Times the squares of white noise: where more is left, something else than slow noise is there, as large as noise."""
@@ -117,7 +118,7 @@ def learn_slow_noise(
             best = explanation
     assert best.beside is not None
     law, size = np.unravel_index(int(np.argmax(best.beside)), best.beside.shape)
-    if SIZES[size] > LARGEST:
+    if max(SIZES[size], found[law].seen(SIZES[size], len(weight))) > LARGEST:
         return None
     taken = 2 * float(best.beside[law, size] - found[law].log_evidence[size]) + found[law].squares(SIZES[size])
     if float(data.rows @ data.rows) - taken > UNDESCRIBED * np.count_nonzero(weight):
@@ -330,6 +331,11 @@ class _Spectrum:
     def squares(self, size: float) -> float:
         """That slow noise of a size takes of the data."""
         return float(np.sum(size**2 * np.square(self.shown) / (1 + size**2 * self.powers)))
+
+    def seen(self, size: float, components: int) -> float:
+        """Standard deviation of the courses of slow noise of a size as the data show them, of one of the components."""
+        courses = (self.directions @ (size**2 * self.shown / (1 + size**2 * self.powers))).reshape(components, -1)
+        return float(np.sqrt(np.sum(np.square(courses[:, 1:])) / components))
 
     def products(self, shown: Array, own: Array, with_data: Array) -> tuple[Array, Array]:
         """(m, sizes, p, p) and (m, sizes, p) products of columns beside slow noise of each size.

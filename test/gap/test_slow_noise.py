@@ -53,6 +53,17 @@ def test_what_is_far_louder_than_the_noise_is_none(times, least, most):
     assert least <= np.mean(found > 0) <= most, found
 
 
+@pytest.mark.parametrize(("size", "least", "most"), [(3.0, 0.9, 1.0), (12.0, 0.0, 0.05)])
+def test_a_steady_drift_is_as_large_as_it_is_seen(size, least, most):
+    """From end to end. One of twelve times the noise is a walk of two on average, and was noise: no gap."""
+
+    def drift(draw):
+        way = draw.normal(size=(3, 1))
+        return size * way / np.sqrt(np.mean(np.square(way))) * (PASSED - 0.5)
+
+    assert least <= np.mean([learnt(seed, drift) > 0 for seed in range(40)]) <= most
+
+
 def test_a_step_is_a_fault_and_no_noise():
     assert sum(learnt(seed, step) > 0 for seed in range(40)) <= 2
 
