@@ -96,6 +96,7 @@ class MachineProblem(TableProblem[None]):
         self._estimator = ProbeNoiseEstimator(self._smooth.columns, self._smooth.factors)
         self._noise = AS_STATED
         self.drift: Array = np.zeros((len(self.index), 0))
+        self._drifted = 0.0
         self.learn_outliers((), {})
 
     def settle(self, causes: Sequence[Cause]) -> None:
@@ -201,11 +202,18 @@ class MachineProblem(TableProblem[None]):
             self.drift = self.drift * (before[2] / self.probe_std)
         else:
             self.drift = self._learn_drift(white * (self.stated_std / self.probe_std), quiet, causes)
+        self._drifted = self._course(white * (self.stated_std / self.probe_std), quiet)
         if np.array_equal(kept, self.kept) and self.probe_std == before[2] and _alike(self.drift, before[1]):
             self.drift = before[1]
             return False
         self.kept = kept
         return True
+
+    def _course(self, white: Array, kept: NDArray[np.bool_]) -> float:
+        """Standard deviation of the drift of all components, as what is left (3, n) shows it, in those of the noise."""
+        seen = self.drift * kept[:, None]
+        moved = self.drift @ np.linalg.solve(np.eye(seen.shape[1]) + seen.T @ seen, seen.T @ white.T)
+        return float(np.sqrt(np.sum(np.var(moved, axis=0))))
 
     def _learn_level(self, white: Array, kept: NDArray[np.bool_]) -> None:
         """Level of the noise; as it was where it hardly differs."""
@@ -323,7 +331,7 @@ class MachineProblem(TableProblem[None]):
         return [f"probe: noise is {level:.2f} times the {std} that are {source}"] if told else []
 
     def _drifting(self) -> list[str]:
-        size = 1e6 * self.probe_std * float(np.sqrt(np.mean(np.sum(np.square(self.drift), axis=1))))
+        size = 1e6 * self.probe_std * self._drifted
         return [f"probe: drifts by {size:.2g} µm (root mean square) beside its noise"] if size else []
 
     def at_zero(self, key: tuple[str, str]) -> Cause:

@@ -203,6 +203,20 @@ def test_poses_that_are_off_one_by_one_are_outliers():
     assert sum(verdict is Verdict.NO_GAP for verdict in found) >= 11, found
 
 
+@pytest.mark.parametrize("size", [5.0, 12.0])
+def test_a_drift_is_told_as_large_as_it_is(size):
+    """It was told as large as the walks are of which it may be one: a third."""
+    found = []
+    for seed in range(410, 416):
+        way = np.random.default_rng([seed, 4]).normal(size=3)
+        drift = way / np.linalg.norm(way)
+        problem, _ = probed(seed, 1.0, added=lambda passed, drift=drift: size * (passed - 0.5)[:, None] * drift)
+        told = [remark for remark in problem.remarks({}) if remark.startswith("probe: drifts by ")]
+        found += [float(remark.split()[3]) for remark in told]
+    assert len(found) >= 4
+    assert np.median(found) == pytest.approx(1e6 * PROBE_STD * size / np.sqrt(12), rel=0.3)
+
+
 @pytest.mark.parametrize("seed", [320, 321, 323])
 def test_a_tracker_that_is_noisier_in_one_direction_is_stated_by_component(seed):
     """Its angles are as noisy as it is far away, its range is not: such a machine was always something unknown."""
