@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded, eig_banded
@@ -13,8 +14,15 @@ from rotary_error_monitor.metrology.reading_steps import step_of
 MOST_WAYS = 100
 """Ways in which a course may be wrong that are told, the largest of them: what noise leaves open is smooth."""
 
+ALL_AT_ONCE = 500
+"""Readings up to which all ways are found at once."""
+
 TRIALS = 40
 """Stiffnesses that are weighed: neighbouring ones differ by less than readings can tell."""
+
+
+STIFFEST = 1e10
+"""Stiffness beyond which double precision holds no course of many readings: one that bends within some 300 of them."""
 
 
 @dataclass(frozen=True)
@@ -23,12 +31,26 @@ class SmoothCourse:
 
     Attributes:
         values: (n,) its expectation.
-        ways: (n, k) in which it may differ from that, independent, each by one standard deviation: how an instrument
-            cuts its readings off, then what noise leaves open, the largest first.
+        precision: (3, n) diagonals of its inverse covariance, times the variance of a reading.
+        variance: of a reading.
+        step: of a reading; 0 for none.
     """
 
     values: Array
-    ways: Array
+    precision: Array
+    variance: float
+    step: float
+
+    @cached_property
+    def ways(self) -> Array:
+        """(n, k) in which it may differ from its expectation, independent, each by one standard deviation.
+
+        How an instrument cuts its readings off, then what noise leaves open, the largest first.
+        """
+        count = len(self.values)
+        sizes, ways = _least(self.precision, min(MOST_WAYS, count))
+        cut_off = np.full((count, 1 if self.step else 0), self.step / 2)
+        return np.hstack([cut_off, ways * np.sqrt(self.variance / sizes)])
 
 
 def smooth_course(readings: Array, loudest: float) -> SmoothCourse:
@@ -49,7 +71,7 @@ def smooth_course(readings: Array, loudest: float) -> SmoothCourse:
     weights[read], values[read] = 1 / lengths[run], readings[read] - begin
     freedom, least = max(len(lengths) - 2, 1), max(step**2 / 12, np.finfo(np.float64).tiny)
     best = (np.inf, values, np.zeros((3, count)), least)
-    for stiffness in np.geomspace(1e-4, count**4 / 100, TRIALS):
+    for stiffness in np.geomspace(1e-4, min(float(count) ** 4, STIFFEST), TRIALS):
         precision = _precision(weights, stiffness)
         factor = cholesky_banded(precision, lower=True)
         course = cho_solve_banded((factor, True), weights * values)
@@ -60,9 +82,26 @@ def smooth_course(readings: Array, loudest: float) -> SmoothCourse:
         if surprise < best[0]:
             best = surprise, course, precision, variance
     _, course, precision, variance = best
-    sizes, ways = eig_banded(precision, lower=True, select="i", select_range=(0, min(MOST_WAYS, count) - 1))
-    cut_off = np.full((count, 1 if step else 0), step / 2)
-    return SmoothCourse(begin + course, np.hstack([cut_off, ways * np.sqrt(variance / sizes)]))
+    return SmoothCourse(begin + course, precision, variance, step)
+
+
+def _least(band: Array, most: int) -> tuple[Array, Array]:
+    """The least eigenvalues (most,) of a matrix of diagonals (3, n), and their vectors (n, most).
+
+    Of many rows by the Lanczos method about zero: all at once take time with the cube of their number.
+    """
+    count = band.shape[1]
+    if count <= ALL_AT_ONCE:
+        sizes, vectors = eig_banded(band, lower=True, select="i", select_range=(0, most - 1))
+    else:
+        from scipy.sparse import dia_array  # loads for a while
+        from scipy.sparse.linalg import LinearOperator, eigsh
+
+        factor = cholesky_banded(band, lower=True)
+        inverse = LinearOperator((count, count), lambda right: cho_solve_banded((factor, True), right))
+        matrix = dia_array((band, -np.arange(len(band))), shape=(count, count))
+        sizes, vectors = eigsh(matrix, most, sigma=0.0, OPinv=inverse, v0=np.ones(count))
+    return np.asarray(sizes, np.float64), np.asarray(vectors, np.float64)
 
 
 def _precision(weights: Array, stiffness: float) -> Array:

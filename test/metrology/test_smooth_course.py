@@ -62,3 +62,16 @@ def test_readings_on_a_line_are_the_course(readings):
     seen = np.isfinite(readings)
     np.testing.assert_allclose(found.values[seen], readings[seen], atol=1e-6)
     assert np.all(np.isfinite(found.ways))
+
+
+def test_of_many_readings_the_ways_are_those_of_few():
+    """By the Lanczos method: the variance of the course, against all eigenvectors at once."""
+    draw = np.random.default_rng(4)
+    true = 20 + 3 * np.sin(np.linspace(0, 7, 1200))
+    found = smooth_course(true + 0.1 * draw.normal(size=1200), LOUDEST)
+    covariance = np.zeros((1200, 1200))
+    for below, diagonal in enumerate(found.precision):
+        covariance += np.diag(diagonal[: 1200 - below], -below)
+        covariance += np.diag(diagonal[: 1200 - below], below) if below else 0.0
+    expected = found.variance * np.diag(np.linalg.inv(covariance))
+    np.testing.assert_allclose(np.sum(np.square(found.ways), axis=1), expected, rtol=0.02)

@@ -5,7 +5,9 @@ Thermometers round, scatter and fall silent; an expansion that the machine state
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -28,21 +30,23 @@ NOTHING = 0.01
 """Part of the variance of the probe that ways in which the temperature may be wrong can be left out with together."""
 
 
-def with_smooth_temperature(machine: MachineDescription, recording: MachineRecording) -> tuple[MachineRecording, Array]:
+def with_smooth_temperature(
+    machine: MachineDescription, recording: MachineRecording
+) -> tuple[MachineRecording, Callable[[], Array]]:
     """The recording with the temperatures that its machine had, and what they may be wrong by.
 
     Those beyond the machine's limits are taken as not read. Where fewer than three were, the machine is taken to be at
     its reference temperature.
 
     Returns:
-        The recording, its remarks saying what was not read, and ways (n, k) in which its temperatures may be wrong,
-        independent, each by one standard deviation, K.
+        The recording, its remarks saying what was not read, and what gives the ways (n, k) in which its temperatures
+        may be wrong, independent, each by one standard deviation, K.
     """
     read, (low, high) = recording.temperature, machine.limits.temperature
     present = np.isfinite(read)
     beyond = present & ~((low <= read) & (read <= high))
     good, count = np.where(present & ~beyond, read, np.nan), len(read)
-    remarks = list(recording.remarks)
+    remarks, ways = list(recording.remarks), partial(unknown_warming, np.arange(count) / count)
     if beyond.any():
         first = read[np.flatnonzero(beyond)[0]]
         remarks.append(
@@ -50,30 +54,33 @@ def with_smooth_temperature(machine: MachineDescription, recording: MachineRecor
             f"is {first:.4g}; not used"
         )
     if np.count_nonzero(np.isfinite(good)) < FEWEST:
-        if np.any([axis.expansion for axis in machine.axes]):
+        if _expands(machine):
             remarks.append("temperature: not recorded; what expands by it is not known")
-        told, ways = np.full(count, machine.reference_temperature), unknown_warming(np.arange(count) / count)
-    else:
-        missing = np.count_nonzero(~present)
-        if missing:
-            remarks.append(f"temperature: {missing} of {count} poses have none; it is taken from the others")
-        course = smooth_course(good, LOUDEST)
-        told, ways = course.values, course.ways
-    return replace(recording, temperature=told, remarks=tuple(remarks)), ways
+        at_reference = np.full(count, machine.reference_temperature)
+        return replace(recording, temperature=at_reference, remarks=tuple(remarks)), ways
+    missing = np.count_nonzero(~present)
+    if missing:
+        remarks.append(f"temperature: {missing} of {count} poses have none; it is taken from the others")
+    course = smooth_course(good, LOUDEST)
+    return replace(recording, temperature=course.values, remarks=tuple(remarks)), lambda: course.ways
+
+
+def _expands(machine: MachineDescription) -> bool:
+    return bool(np.any([axis.expansion for axis in machine.axes]))
 
 
 def moved_by_temperature(
-    machine: MachineDescription, recording: MachineRecording, ways: Array, probe_std: Array
+    machine: MachineDescription, recording: MachineRecording, ways: Callable[[], Array], probe_std: Array
 ) -> Array:
-    """(3, n, j) change of the probe, m, by each of the ways (n, k) in which the temperature may be wrong that matters.
+    """(3, n, j) change of the probe, m, by each of the ways in which the temperature may be wrong that matters.
 
     The ones left out make less of the probe's variance, of standard deviations (3,) m, together than anyone can tell.
     """
-    if not np.any([axis.expansion for axis in machine.axes]):
-        return np.zeros((3, len(ways), 0))
+    if not _expands(machine):
+        return np.zeros((3, len(recording.probe), 0))
     warmer = replace(recording, temperature=recording.temperature + WARMED)
     grown = (predict_probe(machine, warmer) - predict_probe(machine, recording)).T / WARMED
-    moved = grown[:, :, None] * ways
+    moved = grown[:, :, None] * ways()
     variance = np.mean(np.square(moved / probe_std[:, None, None]), axis=(0, 1))
     order = np.argsort(-variance)
     left_out = np.cumsum(variance[order[::-1]])[::-1]

@@ -13,10 +13,13 @@ from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import Cause, Role, Searched
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.gap.departures import SHARE, Words
-from rotary_error_monitor.kinds.stage.gradual import begun_before, moment_of, ramps, takes_time
+from rotary_error_monitor.gap.options import FALSE_ALARMS
+from rotary_error_monitor.gap.p_values import log_chi_square_tail
+from rotary_error_monitor.kinds.stage.gradual import begun_at, begun_before, moment_of, ramps, takes_time
 from rotary_error_monitor.kinds.stage.lagging import LAGS, all_late
 from rotary_error_monitor.kinds.stage.modulations import StageModulations, linear_values
 from rotary_error_monitor.kinds.stage.play import Play, stays
+from rotary_error_monitor.kinds.stage.search import find_step, trials_of_steps
 from rotary_error_monitor.twin.stage import Signals, StageTwin
 
 
@@ -57,10 +60,26 @@ def has_added_forms(effect: StageEffect, jumps: bool) -> bool:
 
 
 class AddedForms:
-    """Those of the effects of one recording."""
+    """Those of the effects of one recording.
 
-    def __init__(self, twin: StageTwin, play: Play, modulations: StageModulations, derivatives: Derivatives) -> None:
+    Args:
+        twin: of the stage.
+        play: of a drive that turns back as the recording does.
+        modulations: of the same recording.
+        derivatives: of what the twin predicts.
+        left: times (m,) and white rows (m,) of a head beside causes; None where a part of the recording is looked at.
+    """
+
+    def __init__(
+        self,
+        twin: StageTwin,
+        play: Play,
+        modulations: StageModulations,
+        derivatives: Derivatives,
+        left: Callable[[str, Sequence[Cause]], tuple[Array, Array]] | None,
+    ) -> None:
         self._twin, self._play, self._modulations, self._derivatives = twin, play, modulations, derivatives
+        self._left = left
 
     def of(self, cause: Cause, causes: Sequence[Cause], signatures: Signals, jumps: bool) -> list[AddedForm]:
         """Those of a cause beside others.
@@ -76,6 +95,8 @@ class AddedForms:
         found = []
         if effect.searched is Searched.MOMENT or jumps:
             found.append(self._no_jump(cause, causes, signatures))
+        if effect.searched is Searched.MOMENT and self._left:
+            found += self._given_back(cause, causes, *self._left(cause.location, causes))
         if effect.displaces_instrument:
             zeros = {name: self._zeros(cause, name, rows.shape[1]) for name, rows in signatures.items()}
             found.append(AddedForm("zero", zero_wanders, zeros))
@@ -102,6 +123,19 @@ class AddedForms:
             shown = {name: rows - signatures[name] for name, rows in self.staying(cause, causes).items()}
         moved = {name: (rows @ amplitudes)[:, :, None] for name, rows in shown.items()}
         return AddedForm(kind, words, {n: rows * course(self._twin.times[n])[:, None] for n, rows in moved.items()})
+
+    def _given_back(self, cause: Cause, causes: Sequence[Cause], time: Array, rows: Array) -> list[AddedForm]:
+        """A second step, at the moment that white rows (m,) at times (m,) show, if chance hardly makes it.
+
+        Counts that were lost come back at the next reference mark, all of them or some.
+        """
+        moment, gain = find_step(time, rows)
+        if log_chi_square_tail(gain, 1) + np.log(trials_of_steps(len(rows))) > np.log(FALSE_ALARMS):
+            return []
+        linear, amplitudes = linear_values(cause)
+        shown = self._derivatives(begun_at(cause, moment), linear, causes)
+        words = partial(comes_back, moment - moment_of(cause))
+        return [AddedForm("given back", words, {name: (rows @ amplitudes)[:, :, None] for name, rows in shown.items()})]
 
     def _lagging(self, cause: Cause, causes: Sequence[Cause], signatures: Signals) -> AddedForm:
         """What goes with a temperature goes with that of a part, which lags; each lag may hold in full."""
@@ -132,6 +166,11 @@ class AddedForms:
         courses = self._modulations.slow(self._twin.state(stream))
         each = SHARE * self._modulations.size(cause, stream) * np.eye(components)
         return (each[:, :, None] * courses[:, None, None, :]).reshape(len(courses), components, -1)
+
+
+def comes_back(later: float, change: float) -> str:
+    """Words for a second step so many s after the first, or before it."""
+    return f"comes back in part {later:.2g} s later" if later > 0 else f"began in part {-later:.2g} s before"
 
 
 def lags(change: float) -> str:

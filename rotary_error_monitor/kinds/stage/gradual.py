@@ -21,8 +21,13 @@ def moment_of(cause: Cause) -> float:
 
 def begun_before(cause: Cause) -> Cause:
     """The same step as long before as one takes at most."""
+    return begun_at(cause, moment_of(cause) - SPANS[-1])
+
+
+def begun_at(cause: Cause, moment: float) -> Cause:
+    """The same step at another moment, s."""
     values = cause.values.copy()
-    values[cause.effect.slices()["time"]] -= SPANS[-1]
+    values[cause.effect.slices()["time"]] = moment
     return cause.with_values(values)
 
 

@@ -85,6 +85,7 @@ class StageProblem:
         self.recording = recording
         self.effects = effects_in(stage, recording, effects)
         self.twin: StageTwin = twin_of(stage, recording, tuple(known), None if whole is None else whole.inputs)
+        left = self._left_of_head if whole is None else None
         whole = whole or OfWhole.of(stage, recording, self.twin)
         self._predictions = KeptPredictions(self.twin, KEPT if self.keeps_signatures else 1)
         self._measured = {name: recording.streams[name].values for name in self.twin.times}
@@ -105,7 +106,7 @@ class StageProblem:
         self._learning = NoiseLearning(self, self._signatures, self._nuisances, self._search, self._expected)
         self._learning.begin(raw)
         self._modulations = StageModulations(self.twin, recording.duration, self.play)
-        self._added = AddedForms(self.twin, self.play, self._modulations, self._derivatives)
+        self._added = AddedForms(self.twin, self.play, self._modulations, self._derivatives, left)
         self._arc = whole.arc
 
     @property
@@ -131,6 +132,10 @@ class StageProblem:
     def residual(self, causes: Sequence[Cause]) -> Rows:
         """White rows (m, 1) of measured minus predicted."""
         return self.noise.whiten({name: values[:, :, None] for name, values in self.raw_residual(causes).items()})
+
+    def _left_of_head(self, name: str, causes: Sequence[Cause]) -> tuple[Array, Array]:
+        """Times (m,) and white rows (m,) of a head beside causes."""
+        return self.times(name), self.residual(causes)[name][:, 0]
 
     def raw_residual(self, causes: Sequence[Cause]) -> Signals:
         """Measured minus predicted (n, k) of each stream, in its unit."""

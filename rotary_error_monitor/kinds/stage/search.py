@@ -138,12 +138,10 @@ class StageSearch:
         for place in effect.locations(self._problem.stage):
             if place not in rest:
                 continue
-            moment = find_step(self._problem.times(place), rest[place][:, 0])
+            moment, _ = find_step(self._problem.times(place), rest[place][:, 0])
             start = effect.start(place)
             start[effect.slices()["time"]] = moment
-            # Steps less than a few samples apart cannot be told apart: the trials are fewer than the samples.
-            trials = 4 * max(len(rest[place]) // 20, 1)
-            found.append(Candidate(effect, place, start, -float(np.log(trials))))
+            found.append(Candidate(effect, place, start, -float(np.log(trials_of_steps(len(rest[place]))))))
         return found
 
     def _waves(self, effect: AnyEffect, rest: Rows) -> list[Candidate]:
@@ -156,8 +154,8 @@ class StageSearch:
         return [Candidate(effect, "", start, -float(np.log(trials_of_waves(independent, alarming))))]
 
 
-def find_step(time: Array, rows: Array) -> float:
-    """Moment, s, of the step that explains most of white rows whose mean is already known to be zero.
+def find_step(time: Array, rows: Array) -> tuple[float, float]:
+    """Moment, s, of the step that explains most of white rows whose mean is already known to be zero, and how much.
 
     The matched filter of a step at each sample, from cumulative sums: `(sum after)^2 / (number after)`, the mean of
     all rows taken out beforehand so that an offset does not look like a step at the beginning.
@@ -168,7 +166,12 @@ def find_step(time: Array, rows: Array) -> float:
     gain = np.square(after) * count / (samples * np.maximum(count - samples, 1))
     inner = slice(max(1, count // 200), count - max(1, count // 200))
     index = int(np.argmax(gain[inner])) + inner.start
-    return float(0.5 * (time[index - 1] + time[index]))
+    return float(0.5 * (time[index - 1] + time[index])), float(gain[index])
+
+
+def trials_of_steps(rows: int) -> int:
+    """Independent moments among so many rows: steps less than a few samples apart cannot be told apart."""
+    return 4 * max(rows // 20, 1)
 
 
 def find_wave(angle: dict[str, Array], rows: dict[str, Array], highest: float = 24.0) -> tuple[float, int]:

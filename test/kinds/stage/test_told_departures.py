@@ -68,9 +68,10 @@ def test_a_departure_is_told(name, modulation, words, stage_problem):
     [
         ("autocollimator_nonlinearity", readings.UnlikeAxes, "larger in [xy] than in [xy] by"),
         ("load_compliance", forms.UnlikeSides, "yields more along one direction than across it"),
+        ("head_missed_counts", readings.PartlyRegained, "comes back in part [2-8]"),
     ],
 )
-def test_what_is_unlike_in_two_directions_is_told(name, mechanism, words, stage_problem, monkeypatch):
+def test_what_no_modulation_gives_is_told(name, mechanism, words, stage_problem, monkeypatch):
     """By a plant of its own. Without a form for it they were something unknown, from a tenth on."""
     monkeypatch.setattr(draws, "MECHANISMS", {name: (mechanism,)})
     told, shares = [], []
