@@ -10,6 +10,8 @@ UNKNOWN_WARMING = 3.0
 """Standard uncertainty of a warming, K, while nobody measures it."""
 
 UNKNOWN_COURSES = 4
+"""Powers of time from none to the third: a shop warms, levels off and cools again over a recording; what changes faster
+than that does not get into a body of iron."""
 
 
 def unknown_warming(passed: Array) -> Array:

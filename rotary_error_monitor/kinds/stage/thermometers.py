@@ -61,9 +61,12 @@ def _stuck(stream: Stream, sensor: ListedSensor) -> str:
     may, reads 0 over two steps.
     """
     for column in stream.values.reshape(len(stream.time), -1).T:
-        begin, count = longest_run(column)
-        most = run_by_chance(sensor.noise, sensor.resolution * (1 if column[begin] else 2))
-        if count > most:
+        # Each on its own: a long run of 0, which is sound, hides no shorter one elsewhere that is not.
+        for same, steps in ((column == 0.0, 2), (column != 0.0, 1)):
+            begin, count = longest_run(np.where(same, column, np.nan))
+            most = run_by_chance(sensor.noise, steps * sensor.resolution)
+            if count <= most:
+                continue
             return (
                 f"stuck at {column[begin]:.4g} {sensor.unit} from {stream.time[begin]:.1f} s on: {count} equal ones "
                 f"where noise ({sensor.noise:.4g}) and resolution ({sensor.resolution:.4g}) leave {most:.0f} at most"

@@ -53,6 +53,16 @@ def test_one_that_cuts_off_towards_zero_reads_it_for_longer(ratio):
         assert not said_of(stage, np.trunc(shown / 0.01) * 0.01)
 
 
+def test_a_long_run_of_zero_hides_no_shorter_one_that_is_stuck():
+    """Of noise of a step 55 may be 0, and 23 any other reading."""
+    stage, shown = read(0.01, 0.01, 0.05 * np.sin(0.3 * np.arange(300.0)), 1)
+    shown[10:55] = 0.0
+    assert not said_of(stage, shown)
+    shown[200:235] = 0.2
+    (told,) = said_of(stage, shown)
+    assert told.startswith(f"{NAME}: stuck at 0.2 °C from 200.0 s on: 35 equal ones")
+
+
 @pytest.mark.parametrize("ratio", [0.5, 1.0, 3.0, math.inf])
 @pytest.mark.parametrize("seed", range(5))
 def test_one_that_is_stuck_is_told_after_as_many_readings_as_chance_does_not_make_equal(ratio, seed):
