@@ -158,8 +158,8 @@ test-others-rates:
 	$(BESIDE) $(BIN)/python $(call PYTEST,,$(filter-out $(FAULT_RATES),$(CELL_RATES)))
 
 rates: setup ## rates over many seeds that take too long for `make test` (SWEEPS=1 make test-live: all of a newcomer's cases)
-	SWEEPS=1 $(BIN)/python -m pytest $(PYTEST_ARGS) $(SWEPT) $(DRAWN)
-	SWEEPS=1 $(BIN)/python -m pytest $(PYTEST_ARGS) -m long $(addprefix --ignore=,$(LIVE) $(SWEPT) $(DRAWN)) test
+	SWEEPS=1 $(BIN)/python -m pytest -o faulthandler_timeout=0 $(PYTEST_ARGS) $(SWEPT) $(DRAWN)
+	SWEEPS=1 $(BIN)/python -m pytest -o faulthandler_timeout=0 $(PYTEST_ARGS) -m long $(addprefix --ignore=,$(LIVE) $(SWEPT) $(DRAWN)) test
 
 # What computes without processes, and beside it the nodes' life cycle, whose processes have to answer in time.
 # The machine model, which uses nothing of Python, is compiled for one width of vectors there: in a third of the time.

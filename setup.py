@@ -119,7 +119,7 @@ setup(
             "ros-jazzy-domain-coordinator>=0.12,<0.13",
         ],
         "test": [
-            "pytest>=8,<10",
+            "pytest>=9,<10",
             "pytest-cov>=5,<8",
             "hypothesis>=6.100,<7",
             "pytransform3d>=3.5,<4",

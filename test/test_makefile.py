@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shlex
 import subprocess
+import sys
 from collections import Counter
 from pathlib import Path
 
@@ -84,3 +85,13 @@ def test_of_few_cases_make_test_takes_those_with_most_of_the_values(
     """Not the first ones, which differ in what is drawn last alone."""
     is_left_out = request.node.get_closest_marker("long") is not None
     assert is_left_out == ((first, second) not in {("x", "a"), ("y", "b")})
+
+
+def test_a_test_that_hangs_ends_the_run_and_says_where(tmp_path):
+    """Else a deadlock in the middleware shows as nothing but a job that was stopped after hours."""
+    hanging = tmp_path / "test_hanging.py"
+    hanging.write_text("import threading\n\ndef test_that_waits():\n    threading.Event().wait()\n")
+    command = [sys.executable, "-m", "pytest", "-c", str(ROOT / "pyproject.toml"), "-o", "faulthandler_timeout=0.5"]
+    ended = subprocess.run([*command, str(hanging)], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert ended.returncode == 1
+    assert 'test_hanging.py", line 4 in test_that_waits' in ended.stderr
