@@ -60,6 +60,7 @@ class ProbedPoses:
         temperature: (n,) °C.
         deviations: (n, 3) tool tip as it is minus as it should be, in the workpiece's frame, m.
         noise: standard deviation of a deviation's component, m.
+        remarks: what was not believed of them.
     """
 
     positions: Array
@@ -67,6 +68,7 @@ class ProbedPoses:
     temperature: Array
     deviations: Array
     noise: float
+    remarks: tuple[str, ...] = ()
 
     def chosen(self, rows: NDArray[np.bool_]) -> ProbedPoses:
         """Some of the poses."""

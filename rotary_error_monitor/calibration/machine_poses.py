@@ -26,6 +26,7 @@ from rotary_error_monitor.description.topics import pose_topics
 from rotary_error_monitor.errors import InputError, told_of
 from rotary_error_monitor.machine.kinematics import arrange_machine, axis_columns, stand
 from rotary_error_monitor.metrology.positioning import PositioningRuns
+from rotary_error_monitor.metrology.unread_temperature import believed_readings
 
 SAME_POSITION = 1e-6
 """Commanded positions nearer than this are the same, m or rad."""
@@ -74,7 +75,8 @@ def read_probed_poses(
 ) -> ProbedPoses:
     """Poses and the tool's deviation at each, from a bag (a folder or an mcap file) or a CSV file.
 
-    A pose of a bag that has no temperature has that between its neighbours; where no pose has one it is the reference.
+    A pose that has no temperature, or one beyond the machine's limits, has that between its neighbours; where no pose
+    has one it is the reference. What was beyond the limits is among the remarks.
 
     `noise` is the standard deviation of one component of a deviation, m.
 
@@ -112,7 +114,8 @@ def _poses_of_table(path: Path, machine: MachineDescription, noise: float, layou
     table = read_table(path, [[*axes, *ways, *rest], [*axes, *rest]], layout=layout)
     poses = _poses_of(table, machine, path)
     deviations = np.stack([table.numbers[column.name] for column in rest[1:]], axis=1)
-    return ProbedPoses(poses.positions, poses.direction, poses.temperature, deviations, noise)
+    temperature, remarks = _temperatures(poses.temperature, machine)
+    return ProbedPoses(poses.positions, poses.direction, temperature, deviations, noise, remarks)
 
 
 def _directions_of(table: Table, columns: Sequence[Column]) -> Array:
@@ -147,14 +150,20 @@ def _poses_of_bag(path: Path, machine: MachineDescription, noise: float) -> Prob
         position, direction = _axes_of(joints.get(probe.stamp_ns), machine, f"{path}: probe at {probe.stamp_ns} ns")
         rows.append((position, direction, warmth.get(probe.stamp_ns, np.nan), probe.point))
     positions, directions, read, deviations = (np.array(column) for column in zip(*rows, strict=True))
-    temperatures = _between_readings(read, machine.reference_temperature)
-    return ProbedPoses(positions, directions, temperatures, deviations, noise)
+    temperature, remarks = _temperatures(read, machine)
+    return ProbedPoses(positions, directions, temperature, deviations, noise, remarks)
 
 
-def _between_readings(temperature: Array, reference: float) -> Array:
-    """(n,) temperature of each pose: where none was read that between its neighbours, else the reference."""
-    read, number = np.isfinite(temperature), np.arange(len(temperature))
-    return np.interp(number, number[read], temperature[read]) if read.any() else np.full(len(number), reference)
+def _temperatures(read: Array, machine: MachineDescription) -> tuple[Array, tuple[str, ...]]:
+    """(n,) temperature of each pose, nan where none was read, and what was not believed of the readings."""
+    believed, doubt = believed_readings(read, machine.limits.temperature)
+    there, number = np.isfinite(believed), np.arange(len(read))
+    filled = (
+        np.interp(number, number[there], believed[there])
+        if there.any()
+        else np.full(len(read), machine.reference_temperature)
+    )
+    return filled, (doubt,) if doubt else ()
 
 
 def _axes_of(state: Content | None, machine: MachineDescription, where: str) -> tuple[Array, Array]:

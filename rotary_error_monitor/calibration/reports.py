@@ -164,6 +164,7 @@ def machine_text(result: MachineResult, output: Path) -> str:
             "  note: the readings scatter far less than the noise that is stated or taken: if the probe is better, say "
             "so (--noise-um), for its uncertainty is overstated; or are the offsets in another unit than µm?"
         )
+    lines += [f"  note: {remark}" for remark in result.remarks]
     # the first line is the verdict, and says what does not fit
     return "\n".join([*lines, ending((), result.written, output)])
 

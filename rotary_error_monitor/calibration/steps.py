@@ -273,6 +273,7 @@ class MachineResult:
     identification: Identification
     verdict: Verdict
     written: bool
+    remarks: tuple[str, ...] = ()
 
 
 def calibrate_machine(
@@ -296,7 +297,7 @@ def calibrate_machine(
     # a model that does not hold all errors misses by what it missed on the poses that were held out
     missed = held_out.error if held_out.ratio > held_out.limit else 0.0
     written = job.finish(parts, math.hypot(verdict.uncertainty, missed), figures, misfits)
-    return MachineResult(identification, verdict, written)
+    return MachineResult(identification, verdict, written, poses.remarks)
 
 
 def _across(machine: MachineDescription, axis: Axis, positions: Array) -> float:

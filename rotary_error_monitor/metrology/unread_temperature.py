@@ -1,4 +1,4 @@
-"""What a temperature may be while nobody reads it."""
+"""Temperatures that were not read, or cannot be so: which, and what they may be meanwhile."""
 
 from __future__ import annotations
 
@@ -12,6 +12,23 @@ UNKNOWN_WARMING = 3.0
 UNKNOWN_COURSES = 4
 """Powers of time from none to the third: a shop warms, levels off and cools again over a recording; what changes faster
 than that does not get into a body of iron."""
+
+
+def believed_readings(read: Array, limits: tuple[float, float]) -> tuple[Array, str]:
+    """Readings (n,) of a thermometer, °C, without those beyond its limits, as 85 °C of one just switched on.
+
+    Returns:
+        (n,) with nan where nothing was read that is believed, and a sentence about what was not, else empty.
+    """
+    present, (low, high) = np.isfinite(read), limits
+    beyond = present & ~((low <= read) & (read <= high))
+    believed = np.where(present & ~beyond, read, np.nan)
+    if not beyond.any():
+        return believed, ""
+    return believed, (
+        f"temperature: {np.count_nonzero(beyond)} of {len(read)} readings are beyond {low:g} to {high:g} °C, the first "
+        f"is {read[np.flatnonzero(beyond)[0]]:.4g}; not used"
+    )
 
 
 def unknown_warming(passed: Array) -> Array:

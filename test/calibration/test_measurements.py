@@ -300,6 +300,7 @@ def poses_bag(
         ({}, [20.0, 20.0, 20.0, 20.0]),
         ({0: 24.0, 3: 27.0}, [24.0, 25.0, 26.0, 27.0]),
         ({1: 24.0, 2: float("nan"), 3: 26.0}, [24.0, 24.0, 25.0, 26.0]),
+        ({0: 24.0, 1: 85.0, 2: -127.0, 3: 27.0}, [24.0, 25.0, 26.0, 27.0]),
     ],
 )
 def test_a_pose_of_a_bag_without_a_temperature_has_that_between_its_neighbours(
@@ -309,6 +310,16 @@ def test_a_pose_of_a_bag_without_a_temperature_has_that_between_its_neighbours(
     machine, rows = load_machine("pan2013"), np.zeros((4, 5))
     poses = read_probed_poses(poses_bag(tmp_path, machine, rows, np.ones((4, 5)), read), machine, 1.5e-6)
     assert poses.temperature.tolist() == pytest.approx(expected)
+    beyond = "temperature: 2 of 4 readings are beyond 5 to 45 °C, the first is 85; not used"
+    assert poses.remarks == ((beyond,) if 85.0 in read.values() else ())
+
+
+def test_a_temperature_of_a_table_that_no_machine_has_is_not_used_either(tmp_path: Path) -> None:
+    machine, header = load_machine("grinder_zhou2023"), "X_mm,Z_mm,Y_mm,temperature_degC,dx_um,dy_um,dz_um"
+    rows = [f"-100,-20,30,{read},1,2,3" for read in (20.5, 85.0, 21.5)]
+    poses = read_probed_poses(written(tmp_path, header, *rows), machine, 1.5e-6)
+    assert poses.temperature.tolist() == [20.5, 21.0, 21.5]
+    assert len(poses.remarks) == 1
 
 
 def test_positioning_from_a_bag(tmp_path: Path) -> None:

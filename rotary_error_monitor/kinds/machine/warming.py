@@ -14,7 +14,7 @@ import numpy as np
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.metrology.smooth_course import smooth_course
-from rotary_error_monitor.metrology.unread_temperature import unknown_warming
+from rotary_error_monitor.metrology.unread_temperature import believed_readings, unknown_warming
 from rotary_error_monitor.twin.machine import MachineRecording, predict_probe
 
 LOUDEST = 0.5
@@ -42,23 +42,16 @@ def with_smooth_temperature(
         The recording, its remarks saying what was not read, and what gives the ways (n, k) in which its temperatures
         may be wrong, independent, each by one standard deviation, K.
     """
-    read, (low, high) = recording.temperature, machine.limits.temperature
-    present = np.isfinite(read)
-    beyond = present & ~((low <= read) & (read <= high))
-    good, count = np.where(present & ~beyond, read, np.nan), len(read)
-    remarks, ways = list(recording.remarks), partial(unknown_warming, np.arange(count) / count)
-    if beyond.any():
-        first = read[np.flatnonzero(beyond)[0]]
-        remarks.append(
-            f"temperature: {np.count_nonzero(beyond)} of {count} readings are beyond {low:g} to {high:g} °C, the first "
-            f"is {first:.4g}; not used"
-        )
+    read, count = recording.temperature, len(recording.temperature)
+    good, doubt = believed_readings(read, machine.limits.temperature)
+    remarks = [*recording.remarks, *([doubt] if doubt else [])]
+    ways = partial(unknown_warming, np.arange(count) / count)
     if np.count_nonzero(np.isfinite(good)) < FEWEST:
         if _expands(machine):
             remarks.append("temperature: not recorded; what expands by it is not known")
         at_reference = np.full(count, machine.reference_temperature)
         return replace(recording, temperature=at_reference, remarks=tuple(remarks)), ways
-    missing = np.count_nonzero(~present)
+    missing = np.count_nonzero(~np.isfinite(read))
     if missing:
         remarks.append(f"temperature: {missing} of {count} poses have none; it is taken from the others")
     course = smooth_course(good, LOUDEST)
