@@ -12,6 +12,7 @@ from rotary_error_monitor.effects.machine_effect import LINEAR, positioning_erro
 from rotary_error_monitor.gap.options import FALSE_ALARMS
 from rotary_error_monitor.gap.p_values import chi_square_median, log_chi_square_tail
 from rotary_error_monitor.gap.problem import Finding
+from rotary_error_monitor.gap.slow_noise import cosines, in_all
 from rotary_error_monitor.twin.machine import MachineRecording, predict_probe
 
 OUTLIER = 5.0
@@ -23,6 +24,10 @@ far out at more poses is an error of the machine that is not smooth."""
 
 MOST_STEPS, SETTLED = 12, 1e-3
 """Steps of a robust fit, and the change of a weight from which on another one changes nothing."""
+
+DRIFT = 5.0
+"""Amplitude of the first order of a slow drift of the probe, in its noise, at which it is lightly held: those of a few
+orders are free, up to the eighth with a hundred poses or more, and what changes within a few poses is none."""
 
 _LEVER = 1e-5
 """Size of an error component, m or rad, by which its lever at a pose is found: above rounding, below curvature."""
@@ -50,6 +55,8 @@ class SmoothMachine:
         self.factors = np.column_stack([recording.direction, passed, np.sign(passed), *sides, *map(np.sign, sides)])
         """(n, k) what an error may go with: directions, time, its halves, positions and halves of the travel."""
 
+        self._drift = _slow_courses(len(passed))
+
         # As they were probed, and along each axis.
         self._orders = [np.arange(len(passed)), *np.argsort(recording.positions, axis=0, kind="stable").T]
 
@@ -68,22 +75,17 @@ class SmoothMachine:
         """Poses (n,) that count, and (n,) those of them whose white rows (n, 3) a smooth machine can explain, by a fit
         that hardly weighs distant ones: these tell the noise.
 
-        Every smooth error of every axis takes part, lightly held, so that an effect, however large, is no outlier. Nor
-        are poses that stand together, in time or along an axis: what disturbs a probe knows nothing of its neighbours,
-        and what happens to some of them in turn is the machine's.
+        Every smooth error of every axis and a slow drift of the probe take part, lightly held, so that an effect,
+        however large, is no outlier and hides none. Nor are poses that stand together, in time or along an axis: what
+        disturbs a probe knows nothing of its neighbours, and what happens to some of them in turn is the machine's.
         """
-        table, rows = self.columns, white.T.ravel()
-        weight = np.ones(len(white))
-        for _ in range(MOST_STEPS):
-            tripled = np.tile(weight, 3)
-            gram = table.T @ (tripled[:, None] * table) + np.eye(table.shape[1])
-            left = rows - table @ np.linalg.solve(gram, table.T @ (tripled * rows))
-            distance = np.sqrt(np.mean(np.square(left.reshape(3, -1)), axis=0))
-            spread = max(1.0, float(np.median(distance)) / np.sqrt(chi_square_median(3) / 3))
-            # Weights of Student's t, three degrees of freedom: a distant pose counts with the inverse of its square.
-            before, weight = weight, np.minimum(4.0 / (3.0 + np.square(distance / spread)), 1.0)
-            if np.max(np.abs(weight - before)) < SETTLED:
-                break
+        distance, spread = _robust_fit(self.columns, white)
+        if spread > 1:
+            drift, dof = self._drift
+            beside_drift, least = _robust_fit(np.hstack([self.columns, drift]), white)
+            # a drift is there where it is worth its degrees of freedom (BIC)
+            if 2 * white.size * np.log(spread / least) > dof * np.log(white.size):
+                distance, spread = beside_drift, least
         outlying: NDArray[np.bool_] = np.asarray(distance > OUTLIER * spread, bool)
         if outlying.mean() > MOST_OUTLIERS:
             outlying &= distance >= np.quantile(distance, 1 - MOST_OUTLIERS)
@@ -91,6 +93,33 @@ class SmoothMachine:
         for order in self._orders:
             alone = alone & ~_together(outlying, order, FALSE_ALARMS / len(self._orders))
         return ~alone, ~outlying
+
+
+def _robust_fit(table: Array, white: Array) -> tuple[Array, float]:
+    """Distance of each pose (n,) from what white columns (3 n, p) can make of rows (n, 3), and what it is of noise."""
+    rows, weight = white.T.ravel(), np.ones(len(white))
+    for _ in range(MOST_STEPS):
+        tripled = np.tile(weight, 3)
+        gram = table.T @ (tripled[:, None] * table) + np.eye(table.shape[1])
+        left = rows - table @ np.linalg.solve(gram, table.T @ (tripled * rows))
+        distance = np.sqrt(np.mean(np.square(left.reshape(3, -1)), axis=0))
+        spread = max(1.0, float(np.median(distance)) / np.sqrt(chi_square_median(3) / 3))
+        # Weights of Student's t, three degrees of freedom: a distant pose counts with the inverse of its square.
+        before, weight = weight, np.minimum(4.0 / (3.0 + np.square(distance / spread)), 1.0)
+        if np.max(np.abs(weight - before)) < SETTLED:
+            break
+    return distance, spread
+
+
+def _slow_courses(count: int) -> tuple[Array, float]:
+    """White columns (3 n, q) of slow courses of each component of the probe, and the degrees of freedom that they have.
+
+    A course that steps at each of its moments from one rate to another has amplitudes that fall with the order squared.
+    """
+    slow = cosines((np.arange(count) + 0.5) / count)
+    slow *= DRIFT / np.maximum(np.arange(slow.shape[1]), 1) ** 2
+    held = np.sum(np.square(slow), axis=0)
+    return in_all(slow, np.ones((3, count))), 3 * float(np.sum(held / (1 + held)))
 
 
 def _together(outlying: NDArray[np.bool_], order: NDArray[np.intp], least: float) -> NDArray[np.bool_]:
