@@ -22,6 +22,7 @@ from rotary_error_monitor.pipeline.distance_places import Place
 from rotary_error_monitor.pipeline.distance_reach import ACCELERATION, STEADY, DistanceReach
 from rotary_error_monitor.pipeline.distance_steps import Compared, DistanceSteps, Step
 from rotary_error_monitor.pipeline.evidence import LONG, SHORT, SIGMAS, Reach, Window, Windows
+from rotary_error_monitor.pipeline.far_distance import FarDistance
 from rotary_error_monitor.pipeline.head_belief import AGREEMENT
 from rotary_error_monitor.pipeline.ring_belief import ABSENT
 from rotary_error_monitor.pipeline.speed_slope import SpeedSlope
@@ -59,11 +60,13 @@ class CommandBelief:
         self.doubt = ""
         self.delay = self.shift = 0.0
         self._told: tuple[Window, float] | None = None
-        self.lag = self._limits.speed * self._timing
+        # until both have been compared, the distance is anywhere
+        self.lag = math.hypot(self._limits.speed * self._timing, self._anywhere.reach / SIGMAS)
         self.reach = self._anywhere
         self._agreeing = 0.0
         self._size = 0.0
         self._before: tuple[float, float] | None = None  # distance and speed just before a step, rad and rad/s
+        self._far = FarDistance(self._limits)
         self._scattering = DistanceNoise()
         self._steps = DistanceSteps(self._limits.following_error, self._noise)
         self._last: Window | None = None
@@ -82,6 +85,7 @@ class CommandBelief:
         """Forget the last windows, which came of a wrong head; with `doubt`, what was doubted by them as well."""
         if doubt:
             self.doubt, self._before = "", None
+            self._far.clear()
         self._agreeing = 0.0
         self._last = self._compared = None
         self._steps.clear()
@@ -122,7 +126,8 @@ class CommandBelief:
             self._agreeing = 0.0
             self._steps.clear()
             self._scattering.interrupt()
-            self.lag = self._lag_at(self._speed_of(window, last), scatter_in(window, self._scattering.variances))
+            if self._compared is not None:  # the very first is compared with none
+                self.lag = self._lag_at(self._speed_of(window, last), scatter_in(window, self._scattering.variances))
             if not self._zero.open:  # a window that lacks some ticks tells nothing against those before it
                 self._zero.begin(sound=last is not None and window.number == last.number + 1)
             return
@@ -190,13 +195,14 @@ class CommandBelief:
     def _is_back(self, distance: float, speed: float) -> bool:
         """Whether a distance is what it was before a step, as far as a delay leaves that to be told at this speed."""
         if self._before is None:
-            return True
+            return self._far.has_changed(distance, speed, self.delay, self._farther.late(0.0))
         faster, near = speed - self._before[1], RETURNED * self._size
         back = abs(distance - self._before[0] + self.delay * faster) <= near
         return back and self._hidden * abs(faster) <= near
 
     def _believe_again(self, usual: bool, late: str) -> None:
         self.doubt = ""
+        self._far.clear()
         if usual:  # what was kept of each angle may hold the fault, which was not seen as it began
             self._zero = ZeroKeeping()
         self._zero.begin(sound=False)
@@ -218,6 +224,8 @@ class CommandBelief:
         near = RETURNED * max(self._size, abs((self.delay - delay) * speed))
         near = min(near, STEADY * self._limits.following_error)
         slower = near / self._hidden if self._hidden else math.inf
+        if not self._far.has_changed(distance, speed, self.delay, self._farther.late(0.0)):
+            return False
         return self._usual.is_at((distance + delay * speed, speed), (near, slower))
 
     def foresee(self, windows: Windows) -> None:
@@ -305,13 +313,8 @@ class CommandBelief:
         return min(self._limits.speed, abs(speed) + ACCELERATION * (number - window.number) * window.duration)
 
     def _beyond(self, window: Window, speed: float) -> str:
-        allowed = self._limits.following_error + self._limits.latency * abs(speed)
-        if abs(window.mean.ecc) <= allowed + self._steps.places.most_missed(missed_in(window)):
-            return ""
-        return (
-            f"rotation and command are {window.mean.ecc * 1e6:.4g} µrad apart at {speed:.3g} rad/s; following error "
-            f"and latency explain {allowed * 1e6:.3g}. Command, its stamps, or the zero of the heads are wrong"
-        )
+        missed = self._steps.places.most_missed(missed_in(window))
+        return self._far.judge(window.mean.ecc, speed, self._farther.late(self.delay), missed)
 
     def _is_bent(self, missed: float, speed: float) -> bool:
         """Whether interpolation misses more than samples and their stamps scatter by, which bends them as well."""
