@@ -19,6 +19,9 @@ from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 _FOREIGN_FOR_NS = 2 * NANOSECONDS
 """How long a second compensation must have been silent before this one goes on, ns."""
 
+_SILENT_FOR_NS = NANOSECONDS
+"""How long after its last correction this compensation goes on from what the controller then says is in effect, ns."""
+
 _FIGURES_PERIOD = 20_000_000  # ns, between two messages for plotting
 
 _LATE_FOR_NS = NANOSECONDS
@@ -26,7 +29,7 @@ _LATE_FOR_NS = NANOSECONDS
 
 
 class CorrectionOutput:
-    """Publishes offsets and corrections, and begins from the corrections that the controller has in effect.
+    """Publishes offsets and corrections, which go on from those that the controller has in effect.
 
     Attributes:
         latest: last correction that was published.
@@ -137,9 +140,10 @@ class CorrectionOutput:
 
     def _receive_feedback(self, message: JointState) -> None:
         positions, _ = messages.joint_motion(message)
-        if not self._started:
+        # While corrections go out, what is in effect is on its way to them; while none do, it may go elsewhere.
+        if self.latest is None or self._node.now_ns() - self.latest.stamp_ns > _SILENT_FOR_NS:
             self._compensator.start_from(positions)
-            self._started = True
+        self._started = True
         self._unfed = ""
 
     def _publish_offsets(self, block: SampleBlock, oldest_ns: int) -> None:

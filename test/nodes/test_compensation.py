@@ -139,6 +139,36 @@ def test_by_which_form_of_the_model_it_computes_is_logged_where_it_is_the_slower
     assert log.count("the machine model is computed by numpy, which is slower: ROTARY_ERROR_MONITOR_KERNEL=numpy") == 1
 
 
+def test_the_first_correction_goes_on_from_what_is_in_effect_by_then(cell, plant, feed, corrections):
+    """Started while the controller is on its way: what it said at first is no longer so when corrections may go out."""
+    send_joints, send_applied = (
+        cell.publish_on(cell.wire.topic(name)) for name in ("machine_joint_states", "applied_corrections")
+    )
+    cell.run(Compensation, "compensation", machine="xyzac_trt", **RELAXED)
+
+    def stand(applied: float) -> None:
+        now_ns = cell.node.get_clock().now().nanoseconds
+        turned, speed = plant.motion.at(np.array([(now_ns - plant.epoch_ns) * 1e-9]))
+        pose, moving = [0.1, -0.05, 0.02, 0.3, float(turned[0])], [0.0, 0.0, 0.0, 0.0, float(speed[0])]
+        send_joints(messages.joint_state_message(now_ns, "base", "XYZAC", pose, moving))
+        send_applied(messages.joint_state_message(now_ns, "base", "XYZAC", [applied, 0.0, 0.0, 0.0, 0.0], [0.0] * 5))
+
+    def waits() -> bool:
+        stand(9e-5)
+        return cell.has_status("compensation: correction", "held: no error motion yet")
+
+    def flows() -> bool:
+        stand(4e-4)
+        return bool(corrections)
+
+    cell.wait_until(waits, "the compensation to wait")
+    cell.spin_for(0.5)
+    stand(4e-4)
+    cell.spin_for(0.5)
+    feed.run_until(flows, "corrections")
+    assert corrections[0].position[0] == pytest.approx(4e-4, abs=2e-3 * 0.02)
+
+
 def test_joint_states_stop(cell, feed, corrections):
     controller = cell.run(MockController, "mock_controller", machine="xyzac_trt")
     cell.run(Compensation, "compensation", machine="xyzac_trt", **RELAXED)
