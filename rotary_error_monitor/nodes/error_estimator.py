@@ -15,7 +15,7 @@ from rotary_error_monitor.codec.cdr_blocks import BlockDecoder
 from rotary_error_monitor.codec.error_motion_blocks import block_from_error_motion
 from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.description.wire import Topic
-from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.errors import InputError, without_numbers
 from rotary_error_monitor.metrology.error_motion import COMPONENTS, ErrorMotion
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.diagnostics import Condition, Level, StreamWatch
@@ -105,6 +105,7 @@ class ErrorEstimator(ManagedNode):
         self._pose_pace, self._figures_pace = Pace(_POSE_PERIOD), Pace(_FIGURES_PERIOD)
         self._reported = (0, 0, 0)
         self._unjoined = Counter[str]()
+        self._error = ""
         self._observable = np.zeros(len(COMPONENTS), np.bool_)
         now_ns, patience = self.now_ns(), self.setting("patience")
         self._output = StreamWatch(self._samples.name, patience, _SILENT_AFTER, now_ns, outgoing=True)
@@ -238,7 +239,20 @@ class ErrorEstimator(ManagedNode):
             if reason:
                 level = max(level, badness)
                 reasons.append(reason)
-        return Condition("estimate", level, "; ".join(reasons) or "complete", self._figures(dict(flow.figures)))
+        message = "; ".join(reasons) or "complete"
+        self._log_error(message if level == Level.ERROR else "")
+        return Condition("estimate", level, message, self._figures(dict(flow.figures)))
+
+    def _log_error(self, message: str) -> None:
+        """Log why there is no estimate, or one that is doubted, where it is not what was logged last, and its end."""
+        short = without_numbers(message)
+        if short == self._error:
+            return
+        if short:
+            self.get_logger().error(f"estimate: {message}")
+        else:
+            self.get_logger().info("estimate: as it should be again")
+        self._error = short
 
     def _lacking(self) -> str:
         """Why the rotation is not known."""

@@ -330,14 +330,18 @@ class Compensator:
         return found
 
     def _described_poses(self, ticks: NDArray[np.int64]) -> TimedPoses | None:
-        """Poses at the times of joint states, without error motion; None before the direction of travel is known."""
+        """Poses at the times of joint states, without error motion.
+
+        None before the direction of travel is known, and where joint states do not name the monitored axis: its
+        position is then told by the error motion alone.
+        """
         if self._decisions is None:
             # of its own time a joint state needs no extrapolation, but one before it tells the direction
             axes = self.joints.at(ticks, None if self._monitored is None else ticks)
             temperature = np.array([self.thermometer.at(int(tick)).temperature for tick in ticks])
         else:
             axes, temperature = self._axes_at(ticks)
-        known = np.flatnonzero(axes.known)
+        known = np.flatnonzero(axes.known & axes.told)
         if len(known) == 0:
             return None
         unknown = np.full((6, 6), np.nan)

@@ -41,3 +41,23 @@ def test_how_far_a_held_correction_is_off_is_said(seed):
             true.append(left(machine, ms, np.asarray(compensator.state.applied)))
     assert np.allclose(said, true, rtol=0.02, atol=2e-8)
     assert max(true) > 1e-6, "the axes have moved on"
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_the_description_stands_in_only_where_the_monitored_axis_is_told(named):
+    """By error motion, or by joint states: its position was taken for 0, and corrections were wrong by 3 µm."""
+    machine, stood_in = Machine(11), []
+    compensator = Compensator(MACHINE)
+    for ms in range(0, STOPS_MS + 4000, 5):
+        if ms % 500 == 0:
+            compensator.push_temperature(machine.temperature(ms * 1e-3), START + ms * MS)
+        if ms % 10 == 0:
+            told = [{k: v for k, v in each.items() if named or k != "C"} for each in machine.joint_state(ms * 1e-3)]
+            compensator.accept_joint_state(START + ms * MS, *told)
+        if ms < STOPS_MS:
+            push_error_motion(compensator, machine.error_motion(ms))
+        else:
+            stood_in += compensator.advance().corrections
+    assert bool(stood_in) is named
+    assert all(each.described for each in stood_in)
+    assert np.isnan(compensator.distance()) is not named
