@@ -107,8 +107,8 @@ RATES := $(CELL_RATES) $(MODEL_RATES) $(SWEPT)
 DRAWN := $(addprefix test/,analysis/test_trend.py analysis/test_whole_recording.py bags/test_writer.py blind_check/test_blind_check.py \
 	$(addprefix calibration/test_,axis_table.py collimator_rates.py) cases/test_cases.py \
 	$(addprefix commissioning/test_,command.py late_instruments.py travel.py) \
-	$(addprefix faults/test_,all_late.py begin.py calibrated.py common_zero.py ends.py fast_stages.py few_heads.py \
-	gaps.py giving_drives.py machine_faults.py recordings.py recovery.py responses.py sampled_commands.py \
+	$(addprefix faults/test_,all_late.py begin.py calibrated.py common_zero.py ends.py far_commands.py fast_stages.py \
+	few_heads.py gaps.py giving_drives.py machine_faults.py recordings.py recovery.py responses.py sampled_commands.py \
 	sampled_heads.py scattered_samples.py) $(addprefix kinds/mount/test_,periods.py problem.py slow_noise.py) \
 	kinds/machine/test_warming.py $(addprefix kinds/quadrature/test_,noise.py problem.py) \
 	noise/test_listed_noise.py \

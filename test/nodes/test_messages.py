@@ -151,6 +151,7 @@ def test_joint_motion():
         (JointState(name=["X"], position=[]), "1 names, 0 positions"),
         (JointState(name=["X"], position=[1.0], velocity=[1.0, 2.0]), "2 velocities"),
         (JointState(name=["X"], position=[np.nan]), "all must be finite"),
+        (JointState(name=["X", "X"], position=[0.1, 0.2]), "names X, X; each may stand once"),
     ],
 )
 def test_joint_states_that_cannot_be_used(message, problem):

@@ -200,10 +200,12 @@ def test_a_recorder_that_was_stopped_loses_nothing_that_publishers_keep(cell, tm
     cell.wait_for_status("recorder: state", "active")
     topics = [
         *(cell.wire.topic(key) for key in ("machine_joint_states", "command_samples", "command_joint_states")),
+        cell.wire.topic("axis_corrections"),
         *(cell.wire.topic(key, "a") for key in ("head_samples", "head_joint_states")),
     ]
     heard = {topic.name: cell.collect(topic) for topic in topics}
-    cell.start("mock_controller", machine="xyzac_trt", block_period=0.005)
+    cell.start("mock_controller", machine="grinder_zhou2023", block_period=0.005)
+    cell.start("compensation", machine="grinder_zhou2023", age_limit=1.0)
     cell.start("encoder_head", "encoder_head_a", block_period=0.005, source="mock")
     cell.wait_until(lambda: all(len(each) > 5 for each in heard.values()), "messages of all")
     cell.wait_until(lambda: cell.recorder_hears(heard.keys()), "the recorder to hear them too")

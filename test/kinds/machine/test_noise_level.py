@@ -188,7 +188,7 @@ def test_poses_that_are_off_together_are_no_outliers(where):
 
 
 def test_a_probe_that_drifts_hides_no_outlier():
-    """A swing of 100 µm over a shop floor's 160 poses hid nearly all, and they made the noise 1.1 to 4.8 times as loud."""
+    """A swing of 100 µm over a shop floor's 160 poses hid nearly all, which made the noise 1.1 to 4.8 times as loud."""
     for seed in range(401, 417, 2):
         way = np.random.default_rng(seed).normal(size=3)
         swing = 67.0 * way / np.linalg.norm(way)
