@@ -40,8 +40,8 @@ class MotionFeed:
         self._send = cell.publish_blocks(cell.wire.topic("error_motion_samples"))
         self.sent_ns = 0
 
-    def send(self, exc: float = 2e-6, theta_offset: float = 0.0) -> int:
-        now_ns = self._cell.node.get_clock().now().nanoseconds
+    def send(self, exc: float = 2e-6, theta_offset: float = 0.0, ahead_ns: int = 0) -> int:
+        now_ns = self._cell.node.get_clock().now().nanoseconds + ahead_ns
         stamps = (now_ns // STEP_NS) * STEP_NS - np.arange(3, -1, -1) * 5_000_000
         if stamps[0] <= self.sent_ns:
             return self.sent_ns
@@ -52,7 +52,7 @@ class MotionFeed:
         for name, value in values.items():
             rows[:, COLUMNS.index(name)] = value
         self._send(block_from_samples(stamps, COLUMNS, rows))
-        self.sent_ns = int(stamps[-1])
+        self.sent_ns = self.sent_ns if ahead_ns else int(stamps[-1])
         return self.sent_ns
 
     def run_until(self, condition, what: str, exc: float = 2e-6, theta_offset: float = 0.0) -> None:
@@ -167,6 +167,39 @@ def test_the_first_correction_goes_on_from_what_is_in_effect_by_then(cell, plant
     cell.spin_for(0.5)
     feed.run_until(flows, "corrections")
     assert corrections[0].position[0] == pytest.approx(4e-4, abs=2e-3 * 0.02)
+
+
+def test_what_is_stamped_an_hour_ahead_is_refused_and_said_and_costs_nothing_else(cell, plant, feed, corrections):
+    """One block of error motion, one joint state: the rest of the hour was not "after the one before"."""
+    send_joints = cell.publish_on(cell.wire.topic("machine_joint_states"))
+    cell.run(Compensation, "compensation", machine="xyzac_trt", **RELAXED, feedback_patience=0.0)
+
+    def stand(ahead_ns: int = 0) -> None:
+        now_ns = cell.node.get_clock().now().nanoseconds
+        turned, speed = plant.motion.at(np.array([(now_ns - plant.epoch_ns) * 1e-9]))
+        pose, moving = [0.1, -0.05, 0.02, 0.3, float(turned[0])], [0.0, 0.0, 0.0, 0.0, float(speed[0])]
+        send_joints(messages.joint_state_message(now_ns + ahead_ns, "base", "XYZAC", pose, moving))
+
+    def come(count: int) -> bool:
+        stand()
+        return len(corrections) >= count
+
+    feed.run_until(lambda: come(20), "corrections")
+    for word, send in (
+        ("error_motion", lambda: feed.send(ahead_ns=3600 * 10**9)),
+        ("joint_states", lambda: stand(3600 * 10**9)),
+    ):
+        send()
+        feed.run_until(
+            lambda word=word: (
+                stand() or any(word in name and "ahead" in each.message for name, each in cell.statuses.items())
+            ),
+            f"a word about {word}",
+        )
+        before = len(corrections)
+        feed.run_until(lambda before=before: come(before + 20), f"corrections after that of {word}")
+    newest = max(messages.ns_from_stamp(each.header.stamp) for each in corrections)
+    assert newest < cell.node.get_clock().now().nanoseconds + 10**9
 
 
 def test_joint_states_stop(cell, feed, corrections):
