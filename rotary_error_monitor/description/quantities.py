@@ -16,7 +16,7 @@ HALF_TURN = 3.141592653589794
 """Half a turn, rad, rounded up."""
 
 Name = Annotated[str, Expected("a name in small letters, digits and _", pattern="^[a-z][a-z0-9_]*$")]
-Short = Annotated[str, Expected(pattern="^[a-z][a-z0-9]*$")]
+Short = Annotated[str, Expected("a name of small letters and digits, a letter first", pattern="^[a-z][a-z0-9]*$")]
 Letter = Annotated[str, Expected("one capital letter that names an axis", pattern="^[A-Z]$")]
 NotNegative = Annotated[float, Expected("a number from 0 to 1000", 0, 1000)]
 Angle = Annotated[float, Expected("an angle in rad", -TURN, TURN)]

@@ -27,14 +27,16 @@ Place = tuple[str | int, ...]
 class WrongError(Exception):
     """Something is wrong at a place in a file."""
 
-    def __init__(self, place: Place, problem: str, expected: str = "", value: object = None) -> None:
-        """Place, what is wrong there, what is expected, and the value if that is what is wrong."""
+    def __init__(
+        self, place: Place, problem: str, expected: str = "", value: object = None, key: str | None = None
+    ) -> None:
+        """Place, what is wrong there, what is expected, and the value or the key below it if that is what is wrong."""
         super().__init__(problem)
-        self.place, self.problem, self.expected, self.value = place, problem, expected, value
+        self.place, self.problem, self.expected, self.value, self.key = place, problem, expected, value, key
 
     def at(self, place: Place) -> WrongError:
         """The same at another place."""
-        return WrongError(place, self.problem, self.expected, self.value)
+        return WrongError(place, self.problem, self.expected, self.value, self.key)
 
 
 class Section:
@@ -204,7 +206,7 @@ def _mapping(kinds: tuple[Any, Any], value: Mapping[str, Any], place: Place, tex
         try:
             _read(key, name, place)
         except WrongError as error:
-            raise WrongError(place, error.problem, error.expected or text) from None
+            raise WrongError(place, error.problem, error.expected or text, key=name) from None
     return {name: _read(kind, each, (*place, name)) for name, each in value.items()}
 
 
@@ -248,7 +250,8 @@ def _values(kind: type[Any], value: Mapping[str, Any], place: Place, text: str, 
     rules = kind if issubclass(kind, Section) else Section
     for name in value:
         if name not in known and not rules.is_open:
-            raise WrongError(place, f"{name!r} was unexpected", text or f"{rules.names_as} {', '.join(known)}")
+            what = text or f"{rules.names_as} {', '.join(known)}"
+            raise WrongError(place, f"{name!r} was unexpected", what, key=name)
     for name, each in known.items():
         if name not in value and each.required and not partly:
             raise WrongError(place, f"{name!r} is a required property", text_of(each.kind) or text)
@@ -264,7 +267,7 @@ def _names(kind: type[Any]) -> str:
 
 
 def _message(error: WrongError, found: YamlContent) -> str:
-    line = _line(found.node, error.place)
+    line = _line(found.node, error.place if error.key is None else (*error.place, error.key))
     where = f"{found.origin}:{line}" if line else found.origin
     expected = error.expected
     if isinstance(error.value, str) and _is_number(error.value):

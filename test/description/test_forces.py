@@ -53,7 +53,7 @@ def test_of_two_forces_the_file_names_which(tmp_path):
     ("sensors", "force", "word", "told"),
     [
         ({"nose": {**CELL, "unit": "mm"}}, None, "unit: mm", "nose.unit: 'mm' is no unit of kind force; expected: N"),
-        ({"nose": {**CELL, "form": []}}, None, "nose:", "nose: 'form' was unexpected"),
+        ({"nose": {**CELL, "form": []}}, None, "form:", "nose: 'form' was unexpected"),
         ({"nose": {**CELL, "axes": 3}}, None, "axes: 3", "axes: 3 is greater than .* 1 where it measures along"),
         ({"nose": {**CELL, "gain": 0.0}}, None, "gain: 0.0", "gain: 0.0 is too near to 0"),
         ({"nose": {**CELL, "zero": 3.0}}, None, "zero: 3.0", r"zero: 3.0 is no list; expected: reading \[first axis"),

@@ -154,7 +154,7 @@ def test_names_that_a_machine_has_not() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "line", "message"),
     [
-        ("tool: tool", "tol: tool", 1, "'tol' was unexpected"),
+        ("tool: tool", "tol: tool", 3, "'tol' was unexpected"),
         ("kind: linear, direction: [1", "kind: straight, direction: [1", 7, "expected: linear or rotary"),
         ("travel: [0, 0.2]", "travel: [0, 200000]", 7, "expected: a position in m or rad"),
         ("travel: [0, 0.2]", "travel: [0, far]", 7, "'far' is no number"),
@@ -192,7 +192,7 @@ def test_names_that_a_machine_has_not() -> None:
         ("EXX: {poly: [0.0, 1.0e-06]}", "EXX: {poly: [0.0, 1.0]}", 16, "expected: an error in m or rad"),
         ("EXX: {poly: [0.0, 1.0e-06]}", "EXX: {poly: [0.0, 1e-6]}", 16, "write 1.0e-6"),
         ("EXX: {poly", "EXY: {poly", 16, "there is no axis Y; the axes are X, Z, C"),
-        ("EXX: {poly", "EQX: {poly", 15, "EQX"),
+        ("EXX: {poly", "EQX: {poly", 16, "EQX"),
         ("EXX: {poly", "EXX: {poli", 16, "poli"),
         ("[-3.2, 0.0, 3.2]", "[-3.2, 3.2, 0.0]", 17, "do not rise; expected rising positions"),
         ("forward: [0, 1.0e-06, 0]", "forward: [0, 1.0e-06]", 17, "2 values at 3 positions; expected one for each"),

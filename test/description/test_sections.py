@@ -102,7 +102,7 @@ def test_a_section_is_read_with_the_types_of_its_fields():
         ("reach: [1, 2]", "reach: {a: 1}", "input.reach: {'a': 1} is no list; expected: [low, high] in m"),
         ("reach: [1, 2]", "reach: [1, x]", "input.reach.1: 'x' is no number"),
         ("reach: [1, 2]", "reach: [2, 1]", "4: gearbox.wheels.input.reach: does not rise"),
-        ("    input:", "    in2:", "3: gearbox.wheels: 'in2' does not match '^[a-z]+$'; expected: wheels by place"),
+        ("    input:", "    in2:", "4: gearbox.wheels: 'in2' does not match '^[a-z]+$'; expected: wheels by place"),
         ("  names:", "    third: {teeth: 3}\n  names:", "is too long; expected: wheels by place"),
         ("[a, b]", "[a, a]", "6: gearbox.names: ['a', 'a'] has an entry twice; expected: at most 3 names"),
         ("[a, b]", f"[{', '.join(map('n{}'.format, range(20)))}]", "6: gearbox.names: 20 entries; expected: at most 3"),

@@ -73,7 +73,7 @@ def test_what_a_calibration_leaves_of_the_autocollimator_counts_unless_the_file_
 
 
 def test_a_name_of_no_section_is_refused_with_the_line_of_all(tmp_path):
-    with pytest.raises(InputError, match=r"stage.yaml:11: stage.uncertainty: .*'rotor.mass'"):
+    with pytest.raises(InputError, match=r"stage.yaml:13: stage.uncertainty: .*'rotor.mass'"):
         load_stage(described(tmp_path, "rotor.mass: 1.0"))
 
 

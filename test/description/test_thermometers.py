@@ -51,10 +51,10 @@ def test_thermometers_are_inputs_and_probes_are_sensors(tmp_path):
     [
         (
             {"form": [{"order": 1, "cos": 1e-6, "sin": 0.0}]},
-            "bearing:",
+            "form:",
             "'form' was unexpected.*of kind thermometer: kind, n",
         ),
-        ({"gain": 2.0}, "bearing:", "'gain' was unexpected"),
+        ({"gain": 2.0}, "gain: 2.0", "'gain' was unexpected"),
         ({"unit": "K"}, "unit: K", "unit: 'K' is no unit of kind thermometer; expected: °C; where a driver"),
         ({"noise": -1.0}, "noise: -1.0", r"noise: -1\.0 is less than .*standard deviation of one reading in K"),
         ({"range": 0.0}, "range: 0.0", r"range: 0\.0 is less than .*largest reading"),
