@@ -405,8 +405,10 @@ BEHAVIOUR = (
         "command",
         f"{_ESTIMATOR}: apart by more than following error and latency explain, a step, or heads behind the command",
         "the command is not used; the compensation holds it against the joint states besides",
-        "everything but positioning; a positioning error that is off by no more than `following_error` and `latency`",
-        "within 1 s of its end, once it was for 0.5 s near what it was before",
+        "everything but positioning; a positioning error that is off by no more than `following_error`, and `latency` "
+        "as long as neither rest nor a change of speed shows that it is none",
+        "within 1 s of its end, once it was for 0.5 s near what it was before; off from the first sample on, once the "
+        "speed leaves open no more of a delay than it was off by",
         command_bound,
         goes_on=(*_RADIAL, *_TILT),
     ),
