@@ -66,7 +66,7 @@ class CommandBelief:
         self._agreeing = 0.0
         self._size = 0.0
         self._before: tuple[float, float] | None = None  # distance and speed just before a step, rad and rad/s
-        self._far = FarDistance(self._limits)
+        self._far = FarDistance(self._limits.following_error, steady=True)
         self._scattering = DistanceNoise()
         self._steps = DistanceSteps(self._limits.following_error, self._noise)
         self._last: Window | None = None
@@ -313,8 +313,9 @@ class CommandBelief:
         return min(self._limits.speed, abs(speed) + ACCELERATION * (number - window.number) * window.duration)
 
     def _beyond(self, window: Window, speed: float) -> str:
-        missed = self._steps.places.most_missed(missed_in(window))
-        return self._far.judge(window.mean.ecc, speed, self._farther.late(self.delay), missed)
+        late, missed = self._farther.late(self.delay), self._steps.places.most_missed(missed_in(window))
+        far = self._far.is_far(window.mean.ecc, speed, late, missed)
+        return _why_far(window.mean.ecc, speed, self._far.allowed(speed, late)) if far else ""
 
     def _is_bent(self, missed: float, speed: float) -> bool:
         """Whether interpolation misses more than samples and their stamps scatter by, which bends them as well."""
@@ -392,6 +393,13 @@ class CommandBelief:
             f"the heads are {self.delay * 1e3:.3g} ms behind the command, more than the "
             f"{self._limits.latency * 1e3:.3g} ms of the stage's limits: stamps of one of them are wrong"
         )
+
+
+def _why_far(distance: float, speed: float, allowed: float) -> str:
+    return (
+        f"rotation and command are {distance * 1e6:.4g} µrad apart at {speed:.3g} rad/s; following error and latency "
+        f"explain {allowed * 1e6:.3g}. Command, its stamps, or the zero of the heads are wrong"
+    )
 
 
 def _tells(window: Window) -> bool:

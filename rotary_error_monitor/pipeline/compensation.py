@@ -150,6 +150,7 @@ class Compensator:
         self._corrector.state = self._corrector.state.reset()
         self.joints.reset()
         self.thermometer.reset()
+        self._checks.believe()
 
     def start_from(self, applied: Mapping[str, float]) -> None:
         """Say what corrections (by axis, m and rad) the controller has in effect: the next ones go on from there."""

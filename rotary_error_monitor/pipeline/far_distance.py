@@ -1,10 +1,8 @@
-"""A distance of the rotor from its command that no drive makes: whether it is there, and whether it is over."""
+"""Two angles that are too far apart for both to be right: whether they are, and whether it is over."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-
-from rotary_error_monitor.description.stage_limits import StageLimits
 
 
 @dataclass(frozen=True)
@@ -17,43 +15,42 @@ class _Off:
 
 
 class FarDistance:
-    """Judges a distance by the following error and the latency of a drive.
+    """Judges the distance of two angles by what it may be at rest, and by a delay of one against the other.
 
-    Of a latency counts only what is seen as a delay and what may be hidden of it: a command that is off by an angle is
-    none, whatever the speed. What is told at rest is not over because the stage turns and a latency could explain it.
+    An angle that is off is no delay, whatever the speed: what is told at rest is not over because the axis turns and a
+    delay could explain it.
     """
 
-    def __init__(self, limits: StageLimits) -> None:
-        """Of a drive with these limits."""
-        self._limits = limits
+    def __init__(self, at_rest: float, *, steady: bool) -> None:
+        """Of angles that may be so far apart `at_rest`, rad; a `steady` delay is the same at each time."""
+        self._at_rest, self._steady = at_rest, steady
         self._off: _Off | None = None
+
+    @property
+    def is_told(self) -> bool:
+        """Whether a distance was too far since the last `clear`."""
+        return self._off is not None
 
     def clear(self) -> None:
         """No distance is too far any more."""
         self._off = None
 
-    def judge(self, distance: float, speed: float, late: float, missed: float) -> str:
-        """Why a distance (rad) at a speed (rad/s) is too far, with an age of the heads of up to `late` s; else empty.
+    def allowed(self, speed: float, late: float) -> float:
+        """Largest distance (rad) at a speed (rad/s), with a delay of up to `late` s."""
+        return self._at_rest + late * abs(speed)
 
-        Args:
-            distance: of the rotor from its command.
-            speed: of the rotor.
-            late: largest delay of either that can be, s.
-            missed: what interpolation may miss of the distance, rad.
-        """
-        allowed = self._limits.following_error + late * abs(speed)
-        excess = abs(distance) - allowed
+    def is_far(self, distance: float, speed: float, late: float, missed: float = 0.0) -> bool:
+        """Whether a distance (rad) is too far, of which interpolation may miss some (rad)."""
+        excess = abs(distance) - self.allowed(speed, late)
         if excess <= missed:
-            return ""
+            return False
         self._off = _Off(distance, speed, excess)
-        return (
-            f"rotation and command are {distance * 1e6:.4g} µrad apart at {speed:.3g} rad/s; following error "
-            f"and latency explain {allowed * 1e6:.3g}. Command, its stamps, or the zero of the heads are wrong"
-        )
+        return True
 
     def has_changed(self, distance: float, speed: float, delay: float, hidden: float) -> bool:
         """Whether a distance is another than where it was too far, with a delay (s) that is seen and what it hides."""
         if self._off is None:
             return True
         faster = speed - self._off.speed
-        return abs(distance - self._off.distance + delay * faster) - hidden * abs(faster) >= self._off.excess
+        unknown = hidden * (abs(faster) if self._steady else abs(speed) + abs(self._off.speed))
+        return abs(distance - self._off.distance + delay * faster) - unknown >= self._off.excess

@@ -9,12 +9,16 @@ from numpy.typing import NDArray
 
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
+from rotary_error_monitor.pipeline.far_distance import FarDistance
 from rotary_error_monitor.pipeline.joints import AxisPositions
 from rotary_error_monitor.pipeline.kernel import Judged, Tolerated, chosen_kernel
 from rotary_error_monitor.pipeline.verdict import DOUBTS, names_of
 
 MEMORY_NS = 2_000_000_000
 """How long commands are remembered, ns: a joint state is held against that of its own stamp."""
+
+LASTS_NS = 100_000_000
+"""How long command and joint states are apart, ns, before their difference has to change for that to be over."""
 
 LARGEST_GAP_NS = 50_000_000
 """Commands further apart, ns, say nothing of the time between them."""
@@ -74,6 +78,8 @@ class InputChecks:
         )
         self._verified = False
         self._apart = False
+        self._far = FarDistance(tolerances.command_tolerance, steady=False)
+        self._far_since_ns: int | None = None
         self.forget()
 
     def forget(self) -> None:
@@ -85,12 +91,18 @@ class InputChecks:
         """Whether the encoder did not contradict the joint states when it spoke last."""
         return not self._apart
 
+    def believe(self) -> None:
+        """Believe command and joint states wherever they are."""
+        self._far.clear()
+        self._far_since_ns = None
+
     def judge(self, axes: AxisPositions, motion: ErrorMotion) -> Checked:
         """What the ticks of an estimate can be used for, with the `axes` at these."""
         limits, doubts = self._tolerances, motion.doubts
         commanded = motion.theta - np.where(motion.observable[:, 5], motion.components[:, 5], 0.0)
         self._remember(motion.times_ns, commanded)
         difference, usable, command, fresh, agree, fits, proven = self._judged(axes, doubts)
+        command = self._as_before(axes, motion.times_ns, difference, command)
         self._verified = bool(proven[-1])
         if fresh[-1]:
             self._apart = not agree[-1]
@@ -121,9 +133,7 @@ class InputChecks:
 
     def _judged(self, axes: AxisPositions, doubts: NDArray[np.int64]) -> Judged:
         """What ticks can be used for, with the commands in memory."""
-        at = np.minimum(np.maximum(axes.stamps, self._times[0]), self._times[-1])
-        command = np.interp(at, self._times, self._commands)
-        behind = np.interp(at - self._jitter_ns, self._times, self._commands)
+        command, behind = self._commands_at(axes.stamps)
         kernel = chosen_kernel()
         if kernel is not None:
             known = (axes.stamped, axes.age, axes.stamps, axes.known, axes.told, axes.doubted)
@@ -141,6 +151,47 @@ class InputChecks:
         usable = fresh & ~axes.doubted & agree & fits & proven
         return Judged(difference, usable, fits_command, fresh, agree, fits, np.asarray(proven))
 
+    def _commands_at(self, stamps: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(m,) commands at stamps of joint states, rad, and as much before as these may be wrong by."""
+        at = np.minimum(np.maximum(stamps, self._times[0]), self._times[-1])
+        behind = np.interp(at - self._jitter_ns, self._times, self._commands)
+        return np.interp(at, self._times, self._commands), behind
+
+    def _are_known(self, axes: AxisPositions) -> NDArray[np.bool_]:
+        """(m,) whether the command is known at the stamp of a joint state."""
+        after = np.clip(np.searchsorted(self._times, axes.stamps), 1, max(len(self._times) - 1, 1))
+        gap = self._times[np.minimum(after, len(self._times) - 1)] - self._times[after - 1]
+        return np.asarray((axes.stamps >= self._times[0]) & (gap <= LARGEST_GAP_NS))
+
+    def _as_before(
+        self,
+        axes: AxisPositions,
+        ticks: NDArray[np.int64],
+        difference: NDArray[np.float64],
+        command: NDArray[np.bool_],
+    ) -> NDArray[np.bool_]:
+        """Whether the command is believed at each tick (m,), where what was told at rest is not over at a speed."""
+        if not self._far.is_told and command.all():
+            return command
+        here, behind = self._commands_at(axes.stamps)
+        late = self._tolerances.stamp_tolerance
+        speeds = (here - behind) / max(late, 1e-9)
+        comparable, believed = axes.told & self._are_known(axes), command.copy()
+        for i, tick in enumerate(ticks.tolist()):
+            apart, speed = float(difference[i]), float(speeds[i])
+            if not command[i]:
+                self._far.is_far(apart, speed, late)
+                self._far_since_ns = tick if self._far_since_ns is None else self._far_since_ns
+            elif not self._lasted(tick) or (comparable[i] and self._far.has_changed(apart, speed, 0.0, late)):
+                if comparable[i]:
+                    self.believe()
+            else:
+                believed[i] = False
+        return believed
+
+    def _lasted(self, time_ns: int) -> bool:
+        return self._far_since_ns is not None and time_ns - self._far_since_ns >= LASTS_NS
+
     def _distance(
         self, axes: AxisPositions, command: NDArray[np.float64], behind: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -148,11 +199,8 @@ class InputChecks:
         # the position was told for the stamp; `positions` has been carried on from there to the tick
         difference = axes.stamped[:, self._column] - command
         turned = difference - 2 * np.pi * np.rint(difference / (2 * np.pi))
-        after = np.clip(np.searchsorted(self._times, axes.stamps), 1, max(len(self._times) - 1, 1))
-        gap = self._times[np.minimum(after, len(self._times) - 1)] - self._times[after - 1]
-        known = (axes.stamps >= self._times[0]) & (gap <= LARGEST_GAP_NS)
         allowed = self._tolerances.command_tolerance + np.abs(command - behind)
-        return np.where(known, turned, 0.0), allowed
+        return np.where(self._are_known(axes), turned, 0.0), allowed
 
     def _where(self, commanded: float, told: float) -> str:
         turn = 2 * np.pi
