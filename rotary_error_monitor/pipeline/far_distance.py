@@ -48,9 +48,13 @@ class FarDistance:
         return True
 
     def has_changed(self, distance: float, speed: float, delay: float, hidden: float) -> bool:
-        """Whether a distance is another than where it was too far, with a delay (s) that is seen and what it hides."""
+        """Whether a distance is another than where it was too far, with a delay (s) that is seen and what it hides.
+
+        By more than it may vary at rest, or by all that it was too far.
+        """
         if self._off is None:
             return True
         faster = speed - self._off.speed
         unknown = hidden * (abs(faster) if self._steady else abs(speed) + abs(self._off.speed))
-        return abs(distance - self._off.distance + delay * faster) - unknown >= self._off.excess
+        changed = abs(distance - self._off.distance + delay * faster) - unknown
+        return changed >= min(self._off.excess, self._at_rest)
