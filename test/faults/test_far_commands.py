@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-import pytest
 from described_stages import stage_of
 from draws import seeds
 from world import Options, Recording, make_recording, random_stage
@@ -16,6 +15,7 @@ from faults.judging import Judgement, judge
 from faults.recordings import MOST_WRONG
 
 PEAK_SPEED = 4.0
+DURATION = 4.0
 
 
 @cache
@@ -23,7 +23,7 @@ def recorded(seed: int) -> Recording:
     """A stage that begins at rest, and changes its speed."""
     motion = ("both_directions", "s_curves", "indexing")[seed % 3]
     options = Options(motion=motion, odd_rates=False, peak_speed=PEAK_SPEED, lvdt=False)
-    return make_recording(seed, duration=5.0, stage=random_stage(seed), options=options)
+    return make_recording(seed, duration=DURATION, stage=random_stage(seed), options=options)
 
 
 def judged(seed: int, end: float = np.inf) -> Judgement:
@@ -41,15 +41,16 @@ def judged(seed: int, end: float = np.inf) -> Judgement:
 
 def test_what_is_told_at_rest_is_no_latency_while_it_turns():
     """Of the shipped stage 1 mrad were believed at 3 rad/s, and the tool was wrong by 120 µm in place of 10."""
-    found = {seed: judged(seed) for seed in seeds(30)}
+    found = {seed: judged(seed) for seed in seeds(24)}
     assert np.mean([each.worst for each in found.values()]) <= MOST_WRONG, {s: f.wrong for s, f in found.items()}
     assert np.mean(["command" in each.doubted for each in found.values()]) > 0.9
     assert not any("head" in name for each in found.values() for name in each.doubted)
 
 
-@pytest.mark.parametrize("end", [2.0])
-def test_it_is_believed_once_it_is_right(end):
-    """Within a second of it, where the stage's delay is known by then: at least for a third of what is left."""
-    found = [judged(seed, end) for seed in seeds(18)]
+def test_it_is_believed_once_it_is_right():
+    """Most of them within a second: where the stage is slow enough for its latency not to hide that it is right."""
+    end = 1.5
+    found = [judged(seed, end) for seed in seeds(12)]
     assert np.mean([each.worst for each in found]) <= MOST_WRONG
-    assert np.median([each.available["ecc"] for each in found]) > (5.0 - end) / 5.0 / 3.0
+    least = (DURATION - end - 1.0) / DURATION
+    assert np.mean([each.available["ecc"] > least for each in found]) > 0.6

@@ -69,6 +69,7 @@ def is_named_alone(problem, cause, words):
     return diagnosis.verdict is Verdict.EXPLAINED and named == [cause.key] and any(words in row for row in told)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("direction", [1.0, -1.0])
 def test_the_zero_of_a_displaced_head_may_wander(direction, stage_problem):
     """Its bracket creeps along the ring by a tenth of what the head is wrong by: of no order is there such a signal."""
@@ -84,6 +85,7 @@ def test_the_zero_of_a_displaced_head_may_wander(direction, stage_problem):
     assert sum(told) >= len(SEEDS) - MISSED, told
 
 
+@pytest.mark.long
 def test_what_wanders_at_another_head_is_no_departure(stage_problem):
     """Of a head that is where it should be nothing may wander with another one that is not."""
     for seed in SEEDS[:2]:
