@@ -60,7 +60,8 @@ class CommandBelief:
         self.doubt = ""
         self.delay = self.shift = 0.0
         self._told: tuple[Window, float] | None = None
-        # until both have been compared, the distance is anywhere
+        # until both have been compared at a speed that is known, the distance is anywhere
+        self._met = False
         self.lag = math.hypot(self._limits.speed * self._timing, self._anywhere.reach / SIGMAS)
         self.reach = self._anywhere
         self._agreeing = 0.0
@@ -126,7 +127,7 @@ class CommandBelief:
             self._agreeing = 0.0
             self._steps.clear()
             self._scattering.interrupt()
-            if self._compared is not None:  # the very first is compared with none
+            if self._met:
                 self.lag = self._lag_at(self._speed_of(window, last), scatter_in(window, self._scattering.variances))
             if not self._zero.open:  # a window that lacks some ticks tells nothing against those before it
                 self._zero.begin(sound=last is not None and window.number == last.number + 1)
@@ -289,7 +290,8 @@ class CommandBelief:
     def _settle(self, speed: float, scatter: float, distance: float, duration: float, missed: float = 0.0) -> None:
         """How sure the distance is at a speed (rad/s) with what scatters and is missed (rad), and where it is next."""
         self._speed = speed
-        self.lag = self._lag_at(speed, scatter, missed)
+        self._met = self._met or (self._told is not None and self._told[0].number == self._compared)
+        self.lag = self._lag_at(speed, scatter, missed) if self._met else self.lag
         self.reach = Reach(distance, 0.0, self._farther.within(duration, self.delay, self.lag))
 
     def _speed_of(self, window: Window, last: Window | None) -> float:
