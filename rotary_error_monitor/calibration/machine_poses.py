@@ -155,7 +155,7 @@ def _poses_of_bag(path: Path, machine: MachineDescription, noise: float) -> Prob
 
 
 def _temperatures(read: Array, machine: MachineDescription) -> tuple[Array, tuple[str, ...]]:
-    """(n,) temperature of each pose, nan where none was read, and what was not believed of the readings."""
+    """(n,) temperature of each pose of readings (n,) that may be nan, and what was not believed of these."""
     believed, doubt = believed_readings(read, machine.limits.temperature)
     there, number = np.isfinite(believed), np.arange(len(read))
     filled = (

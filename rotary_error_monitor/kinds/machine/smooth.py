@@ -96,7 +96,7 @@ class SmoothMachine:
 
 
 def _robust_fit(table: Array, white: Array) -> tuple[Array, float]:
-    """Distance of each pose (n,) from what white columns (3 n, p) can make of rows (n, 3), and what it is of noise."""
+    """Distance of each pose (n,) from what white columns (3 n, p) make of rows (n, 3), and the usual one, 1 or more."""
     rows, weight = white.T.ravel(), np.ones(len(white))
     for _ in range(MOST_STEPS):
         tripled = np.tile(weight, 3)
