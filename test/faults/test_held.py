@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from pushed_inputs import push_error_motion
@@ -60,4 +62,4 @@ def test_the_description_stands_in_only_where_the_monitored_axis_is_told(named):
             stood_in += compensator.advance().corrections
     assert bool(stood_in) is named
     assert all(each.described for each in stood_in)
-    assert np.isnan(compensator.distance()) is not named
+    assert math.isnan(compensator.distance()) is not named
