@@ -142,6 +142,9 @@ class CommandBelief:
         if not (wrong or self.doubt or self._zero.open):
             found = self._sure(what, found)
         before, step = (before, "") if found is None else (found.before, self._step_of(found, window))
+        if step and self.doubt:
+            moved, unknown = self._steps.moved(what, before)
+            self._far.step(moved, before.distance, unknown)
         if self._zero.open or not step:  # a step just behind a silence as well: what was before is before both
             step = self._moved_in_silence(window, last, speed, scatter) or step
         wrong = wrong or step
@@ -161,6 +164,8 @@ class CommandBelief:
             self._before = kept if self._zero.open else (before.distance, before.speed)
         if wrong:
             self._steps.let_go()
+            if step:  # of what is before and behind it the slope would make a delay
+                self._slope.forget()
             self.doubt, self._agreeing = self.doubt if self.doubt and step else wrong, 0.0
         elif self.doubt:
             # after a step only the return to what was before it tells that it is over

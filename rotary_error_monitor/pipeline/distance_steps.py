@@ -102,12 +102,16 @@ class DistanceSteps:
 
     def seen(self, what: Compared, before: Place) -> Step | None:
         """A step that neither the drive nor a change of speed makes."""
-        size = abs(what.distance - before.distance)
-        accelerated = what.late * abs(what.speed - before.speed)
-        missed = self.missed(what.window, what.last, before)
-        if size <= STEADY * self._farthest + accelerated + missed + SIGMAS * what.scatter:
+        moved, unknown = self.moved(what, before)
+        if abs(moved) <= STEADY * self._farthest + unknown:
             return None
-        return Step(size, what.window.number - before.number, before)
+        return Step(abs(moved), what.window.number - before.number, before)
+
+    def moved(self, what: Compared, before: Place) -> tuple[float, float]:
+        """By how much the distance is another than before, and how much of that may be no step, rad."""
+        accelerated = what.late * abs(what.speed - before.speed)
+        unknown = accelerated + self.missed(what.window, what.last, before) + SIGMAS * what.scatter
+        return what.distance - before.distance, unknown
 
     def far(self, what: Compared) -> Place | None:
         """Where the distance was told last, where that is too long ago to tell a step and it is another now."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
+import pytest
 from described_stages import stage_of
 from draws import seeds
 from world import Options, Recording, make_recording, random_stage
@@ -26,16 +27,16 @@ def recorded(seed: int) -> Recording:
     return make_recording(seed, duration=DURATION, stage=random_stage(seed), options=options)
 
 
-def judged(seed: int, end: float = np.inf) -> Judgement:
+def judged(seed: int, end: float = np.inf, back: float = 1.0) -> Judgement:
     """Its command is off by more than a following error, and no more than latency makes of its speed besides; up to
-    an `end` (s)."""
+    an `end` (s), at which it goes `back` by some part of that."""
     recording, draw = recorded(seed), np.random.default_rng([seed, 9])
     limits = stage_of(recording.stage).limits
     most = limits.following_error + limits.latency * PEAK_SPEED
     off = draw.choice([-1.0, 1.0]) * draw.uniform(1.2 * limits.following_error, max(most, 2 * limits.following_error))
     changed = stepped(recording, COMMAND, off, -1.0)
     if np.isfinite(end):
-        changed = stepped(recording.with_topics({COMMAND: changed}), COMMAND, -off, end)
+        changed = stepped(recording.with_topics({COMMAND: changed}), COMMAND, -back * off, end)
     return judge(recording.with_topics({COMMAND: changed}), recording.stage)
 
 
@@ -47,10 +48,17 @@ def test_what_is_told_at_rest_is_no_latency_while_it_turns():
     assert not any("head" in name for each in found.values() for name in each.doubted)
 
 
-def test_it_is_believed_once_it_is_right():
-    """Most of them within a second: where the stage is slow enough for its latency not to hide that it is right."""
-    end = 1.5
-    found = [judged(seed, end) for seed in seeds(12)]
+@pytest.mark.parametrize("end", [1.1, 2.2])
+def test_it_is_believed_within_a_second_of_being_right(end):
+    """Whatever the speed: the step back tells it, where a latency would hide the rest."""
+    found = [judged(seed, end) for seed in seeds(12, first=12 * round(end))]
     assert np.mean([each.worst for each in found]) <= MOST_WRONG
     least = (DURATION - end - 1.0) / DURATION
-    assert np.mean([each.available["ecc"] > least for each in found]) > 0.6
+    assert np.mean([each.available["ecc"] > least for each in found]) > 0.95
+
+
+@pytest.mark.parametrize("back", [-1.0, 0.1, 2.2, 4.0])
+def test_a_step_that_leaves_it_wrong_is_no_return(back):
+    """Away, by too little, or beyond: what is left is more than a following error."""
+    found = {seed: judged(seed, 1.5, back) for seed in seeds(16, first=40)}
+    assert np.mean([each.worst for each in found.values()]) <= MOST_WRONG, {s: f.wrong for s, f in found.items()}
