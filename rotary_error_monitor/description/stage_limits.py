@@ -52,6 +52,11 @@ class StageLimits:
     axial: Annotated[Extent, Expected("largest axial error motion in m")] = 5e-5
     axial_rate: Annotated[Rate, Expected(f"fastest change of the axial error motion {_BEYOND}, in m/s")] = 5e-4
 
+    @property
+    def components(self) -> tuple[float, ...]:
+        """Largest size of each component of error motion at rest, `exc` to `ecc`, m and rad."""
+        return self.radial, self.radial, self.axial, self.tilt, self.tilt, self.following_error
+
 
 def derive_limits(spindle: Spindle) -> StageLimits:
     """Limits of a stage whose file states none, from the error motion that it describes.

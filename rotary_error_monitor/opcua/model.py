@@ -114,8 +114,7 @@ def information_model(cell: CellDescription) -> tuple[Variable, ...]:
 
 
 def _error_motion(cell: CellDescription) -> Iterator[Variable]:
-    limits = cell.limits
-    sizes = (limits.radial, limits.radial, limits.axial, limits.tilt, limits.tilt, limits.following_error)
+    sizes = cell.limits.components
     words = (
         "radial error motion along x at the ring",
         "radial error motion along y at the ring",

@@ -109,7 +109,8 @@ class Compensator:
         """
         self._machine = machine
         self._settings = settings or CompensationSettings()
-        self._corrector = CorrectionMaker(machine, self._settings, limits or StageLimits())
+        limits = limits or StageLimits()
+        self._corrector = CorrectionMaker(machine, self._settings, limits)
         self._carrier = Carrier(self._settings.ring_height, self._settings.ring_azimuth)
         self._decisions = decisions
         self._monitored = machine.letters.index(machine.monitored) if machine.monitored else None
@@ -122,7 +123,7 @@ class Compensator:
         tolerances = Tolerances(
             chosen.age_limit_ns, chosen.position_tolerance, chosen.command_tolerance, chosen.stamp_tolerance
         )
-        self._checks = InputChecks(machine, tolerances)
+        self._checks = InputChecks(machine, tolerances, limits)
         self._first_ns: int | None = None
         self._waiting: list[ErrorMotion] = []
         self._own_ticks: list[int] = []

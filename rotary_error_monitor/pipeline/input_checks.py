@@ -8,10 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.description.machine import MachineDescription
+from rotary_error_monitor.description.stage_limits import StageLimits
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.far_distance import FarDistance
 from rotary_error_monitor.pipeline.joints import AxisPositions
 from rotary_error_monitor.pipeline.kernel import Judged, Tolerated, chosen_kernel
+from rotary_error_monitor.pipeline.motion_limits import MotionLimits
 from rotary_error_monitor.pipeline.verdict import DOUBTS, names_of
 
 MEMORY_NS = 2_000_000_000
@@ -62,8 +64,9 @@ class Checked:
 class InputChecks:
     """Holds error motion and joint states against one another."""
 
-    def __init__(self, machine: MachineDescription, tolerances: Tolerances) -> None:
-        """Checks for a machine with a monitored axis; for one without they are never asked."""
+    def __init__(self, machine: MachineDescription, tolerances: Tolerances, limits: StageLimits) -> None:
+        """Checks for a machine whose monitored axis is a stage with limits; for one without they are never asked."""
+        self._motion = MotionLimits(limits)
         self._letter = machine.monitored or ""
         self._column = machine.letters.index(machine.monitored) if machine.monitored else 0
         self._tolerances, self._jitter_ns = tolerances, round(tolerances.stamp_tolerance * 1e9)
@@ -103,6 +106,9 @@ class InputChecks:
         self._remember(motion.times_ns, commanded)
         difference, usable, command, fresh, agree, fits, proven = self._judged(axes, doubts)
         command = self._as_before(axes, motion.times_ns, difference, command)
+        beyond = self._motion.beyond(motion)
+        if beyond is not None:
+            usable = usable & ~beyond.any(axis=1)
         self._verified = bool(proven[-1])
         if fresh[-1]:
             self._apart = not agree[-1]
@@ -121,6 +127,7 @@ class InputChecks:
                     (not agree[-1], self._where(commanded[-1], told_angle)),
                     (not fits[-1], "the stage does not fit its description; the estimator's diagnostics say how"),
                     (not proven[-1], "the stage's description has not been held against a whole turn yet"),
+                    (beyond is not None, "" if beyond is None else self._motion.told(motion, beyond)),
                 )
                 if wrong
             )

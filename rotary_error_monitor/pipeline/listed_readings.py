@@ -119,7 +119,7 @@ class ListedReadings:
         self.fields = listed_fields(stage)
         self.sensitivity = listed_sensitivity(self.fields)
         limits = stage.limits
-        most = np.array([limits.radial, limits.radial, limits.axial, limits.tilt, limits.tilt, 0.0])
+        most = np.array([*limits.components[:5], 0.0])
         rate = [limits.radial_rate, limits.radial_rate, limits.axial_rate, limits.tilt_rate, limits.tilt_rate, 0.0]
         self._most, self._rate = np.abs(self.sensitivity) * LIMIT * most, np.abs(self.sensitivity) * np.array(rate)
         self.stated = np.array([field.sensor.uncertainty**2 for field in self.fields])

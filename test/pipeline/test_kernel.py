@@ -11,6 +11,7 @@ from kernels import computing_by, is_built
 
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.description.stage import StageDescription, load_stage
+from rotary_error_monitor.description.stage_limits import StageLimits
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.evidence import COLUMNS, INDEX, Reach
 from rotary_error_monitor.pipeline.input_checks import InputChecks, Tolerances
@@ -195,7 +196,7 @@ def test_inputs_are_judged_alike(seed: int) -> None:
     found = []
     for form in ("compiled", "numpy"):
         with computing_by(form):
-            checks = InputChecks(machine, Tolerances(50_000_000, 1e-3, 1e-3, 2e-3))
+            checks = InputChecks(machine, Tolerances(50_000_000, 1e-3, 1e-3, 2e-3), StageLimits())
             found.append([(checks.judge(*batch), checks.joints_are_sound()) for batch in batches])
     for (one, sound), (other, is_sound) in zip(*found, strict=True):
         for name in ("usable", "commanded", "command"):
