@@ -77,12 +77,10 @@ def light_cells(hosts: Sequence[SwitchedHost], folder: Path, kind: str, apart: b
 
     `kind` as of `light_cell.py`; where they are `apart`, each has a ROS domain of its own as well.
     """
-    profiles = folder / "profiles.xml"
-    profiles.write_text(_as_in_processes(config("subnet.xml").read_text(encoding="utf-8")), encoding="utf-8")
     environment = {
         **os.environ,
         TRANSPORTS: "UDPv4",
-        PROFILES: str(profiles),
+        PROFILES: str(config("subnet.xml")),  # so participants of one process talk as those of several do
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET",
         "OMP_NUM_THREADS": "1",
     }
@@ -106,14 +104,6 @@ def light_cells(hosts: Sequence[SwitchedHost], folder: Path, kind: str, apart: b
         for cell in cells:
             assert cell.hear() == "loaded"
         yield cells
-
-
-def _as_in_processes(profiles: str) -> str:
-    """The package's profiles with what makes participants of one process talk as those of several do: by datagrams."""
-    off = "<library_settings><intraprocess_delivery>OFF</intraprocess_delivery></library_settings>"
-    begin, end = profiles.index("<profiles"), profiles.index(">", profiles.index("<profiles")) + 1
-    body = profiles[end:].replace("</profiles>", "</profiles></dds>")
-    return f'{profiles[:begin]}<dds xmlns="http://www.eprosima.com">{off}<profiles>{body}'
 
 
 @dataclass(frozen=True)
