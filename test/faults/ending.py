@@ -110,7 +110,8 @@ class _Counts:
                 yield f"{name} refused: {reason}", count
 
 
-def _heard(recording: Recording, section: Mapping[str, object]) -> Heard:
+def heard(recording: Recording, section: Mapping[str, object]) -> Heard:
+    """What an estimator makes of a recording of the stage that a section describes."""
     estimator = Estimator(stage_of(section))
     counts, said = _Counts(estimator), list[tuple[int, frozenset[str]]]()
     parts = estimated(recording, estimator, lambda arrival: said.append((arrival, counts.words())))
@@ -125,10 +126,10 @@ Options = tuple[tuple[str, object], ...]
 def _sound(number: int, options: Options) -> tuple[Mapping[str, object], Recording, Heard]:
     section = random_stage(number)
     recording = record(number, section, DURATION, **dict(options))
-    return section, recording, _heard(recording, section)
+    return section, recording, heard(recording, section)
 
 
-def _off(recording: Recording, motion: ErrorMotion) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def distance_of(recording: Recording, motion: ErrorMotion) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(n, 6) distance from the truth and stated standard deviation, m and rad."""
     truth = recording.truth(motion.times_ns)
     off = motion.components - np.column_stack([getattr(truth, name) for name in COMPONENTS])
@@ -167,17 +168,17 @@ def ended_of(
     if not injected.acts or not len(sound.motion.times_ns):
         return None
     begin_ns, end_ns = injected.begin_ns, injected.begin_ns + round(lasts * 1e9)
-    found = _heard(_until(recording, injected, end_ns), section)
+    found = heard(_until(recording, injected, end_ns), section)
     allowed = bound(stage_of(section)) if bound else {}
     margin = np.array([allowed.get(each, 0.0) for each in COMPONENTS])
-    off, deviation = _off(recording, found.motion)
+    off, deviation = distance_of(recording, found.motion)
     wrong = found.motion.observable & ~(off <= margin + SIGMAS * deviation)
 
     times, before = sound.motion.times_ns, sound.motion.observable
     _, here, there = np.intersect1d(found.motion.times_ns, times, return_indices=True)
     kept, worse = np.zeros_like(before), np.zeros_like(before)
     kept[there] = found.motion.observable[here]
-    fine, sure = _off(recording, sound.motion)
+    fine, sure = distance_of(recording, sound.motion)
     worse[there] = kept[there] & (off[here] > margin + SIGMAS * sure[there]) & (fine[there] <= SIGMAS * sure[there])
     harm = ((before & ~kept) | worse).any(axis=1) & (times > begin_ns) & (times < end_ns)
     shown_ns = int(times[harm][0]) if harm.any() else begin_ns
