@@ -8,6 +8,7 @@ ros2 service call /compensation/reset std_srvs/srv/Trigger
 from __future__ import annotations
 
 import math
+from collections.abc import Hashable
 
 import numpy as np
 from sensor_msgs.msg import JointState, Temperature
@@ -29,7 +30,6 @@ from rotary_error_monitor.signals.arrival import ArrivalCheck
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 
 NAME = "compensation"
-_WATCH_PERIOD = 0.05
 _TEMPERATURE = "temperature"
 
 
@@ -44,6 +44,7 @@ class Compensation(ManagedNode):
     """
 
     settings = SETTINGS
+    look_period = 0.05
 
     def open(self) -> None:
         """Build the compensator and listen to its inputs."""
@@ -79,7 +80,6 @@ class Compensation(ManagedNode):
         self.listen_to(temperature, self._receive_temperature)
         self.after_messages(self._compensate)
         self.serve(Trigger, "~/reset", self._reset)
-        self.every(_WATCH_PERIOD, self._watch)
 
     def conditions(self, now_ns: int) -> list[Condition]:
         """The streams that come in, and what becomes of the correction."""
@@ -182,12 +182,9 @@ class Compensation(ManagedNode):
             return "no correction has come of the inputs yet"
         return f"no correction has come of the inputs for {(now_ns - latest.stamp_ns) / NANOSECONDS:.1f} s"
 
-    def _watch(self) -> None:
-        """Say at once when corrections begin or end to be held, and when the reason is another one."""
-        with self.busy:
-            if not self.active:
-                return
-            self.tell(self._say_hold())
+    def news(self, now_ns: int) -> Hashable:
+        """Why corrections are held, which is logged as well, and what is not as it should be while they flow."""
+        return self._say_hold(), tuple(without_numbers(remark) for remark in self._compensator.remarks)
 
     def _say_hold(self) -> str:
         """Log why corrections are held, or that they flow, where it is not what was said last; give it in short."""

@@ -148,6 +148,9 @@ class StreamWatch:
 
     A sample counts as lost where the step between two blocks is wider than the stream's own period, so it needs no
     sequence number and works for any driver. Totals run since the start, the rate since the last report.
+
+    Attributes:
+        refused_samples: single samples that were not believed, by reason; whoever judges them sets it.
     """
 
     def __init__(
@@ -167,6 +170,7 @@ class StreamWatch:
         self.lost = 0
         self.late = 0
         self.refused = 0
+        self.refused_samples: Mapping[str, int] = {}
         self.last_ns: int | None = None
         self._late_after_ns = round(late_after * NANOSECONDS)
         self._stale_after_ns = round(stale_after * NANOSECONDS)
@@ -174,6 +178,7 @@ class StreamWatch:
         self._samples = RateMeter(began_ns)
         self._began_ns = began_ns
         self._seen = (0, 0, 0)
+        self._seen_samples: Mapping[str, int] = {}
         self._reason = ""
 
     def observe(self, block: SampleBlock, now_ns: int) -> None:
@@ -205,12 +210,17 @@ class StreamWatch:
         reference = self._began_ns if self.last_ns is None else self.last_ns
         return now_ns - reference > self._stale_after_ns
 
+    def state(self, now_ns: int) -> str:
+        """In a word how the stream is, for what is said at once when it changes; the rest is counted."""
+        return "stale" if self.is_stale(now_ns) else "waited for" if self.last_ns is None else "alive"
+
     def report(self, now_ns: int) -> Condition:
         """Condition of the stream; what is new is so once."""
         age = None if self.last_ns is None else (now_ns - self.last_ns) / NANOSECONDS
         totals = (self.lost, self.late, self.refused)
         new = [now - before for now, before in zip(totals, self._seen, strict=True)]
         self._seen = totals
+        samples = self._refused_anew()
         if age is None:
             level, message = (Level.ERROR if self.is_stale(now_ns) else Level.WARN), self._nothing
         elif self.is_stale(now_ns):
@@ -219,9 +229,11 @@ class StreamWatch:
             level = Level.WARN
             message = f"{new[0]} samples lost, {new[1]} blocks late, {new[2]} messages refused since the last report"
         else:
-            level, message = Level.OK, "alive"
+            level, message = (Level.WARN if samples else Level.OK), "alive"
         if new[2]:
             message += f"; refused: {self._reason}"
+        if samples:
+            message += f"; samples refused: {samples}"
         figures = {
             "rate_hz": self._samples.rate(now_ns),
             "age_ms": "none" if age is None else age * 1e3,
@@ -229,4 +241,12 @@ class StreamWatch:
             "late_blocks": self.late,
             "refused_messages": self.refused,
         }
+        if self.refused_samples:
+            figures["refused_samples"] = sum(self.refused_samples.values())
         return Condition(self.what, level, message, figures)
+
+    def _refused_anew(self) -> str:
+        """Samples that were refused since the last report, by their reason."""
+        before, self._seen_samples = self._seen_samples, dict(self.refused_samples)
+        new = {why: count - before.get(why, 0) for why, count in self.refused_samples.items()}
+        return ", ".join(f"{count} {why}" for why, count in new.items() if count > 0)

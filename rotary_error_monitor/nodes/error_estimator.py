@@ -6,7 +6,7 @@ ros2 run rotary_error_monitor error_estimator --ros-args -p stage:=my_stage.yaml
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 
 import numpy as np
 from std_srvs.srv import Trigger
@@ -30,7 +30,6 @@ from rotary_error_monitor.pipeline.radial_heights import HIGHEST, figures_of, ra
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 
 _POSE_PERIOD, _FIGURES_PERIOD = 50_000_000, 20_000_000  # ns, between two messages for people and for plotting
-_WATCH_PERIOD = 0.05  # s, between two looks whether there is something to say at once
 _SILENT_AFTER = 0.5  # s without an estimate from which it is said: beyond what a computer that is busy takes
 _DEFAULTS = EstimatorSettings()
 _TOLD_SCALE = 2.0
@@ -116,7 +115,6 @@ class ErrorEstimator(ManagedNode):
             self.listen_to_bytes(topic, self._receiver(stream))
         self.after_messages(self._estimate)
         self.serve(Trigger, "~/reset", self._reset)
-        self.every(_WATCH_PERIOD, self._watch)
 
     def _open_heights(self) -> None:
         """Publishers of radial error motion at heights, which are silent while nobody names any."""
@@ -128,6 +126,8 @@ class ErrorEstimator(ManagedNode):
 
     def conditions(self, now_ns: int) -> list[Condition]:
         """Each stream that comes in, and the estimate."""
+        for name, stream in self._estimator.status.streams.items():
+            self._inputs[name].refused_samples = stream.admission.refused
         return [*(watch.report(now_ns) for watch in self._inputs.values()), self._estimate_condition(now_ns)]
 
     def _topic(self, stream: str) -> Topic:
@@ -159,12 +159,11 @@ class ErrorEstimator(ManagedNode):
             self._publish(estimate)
         self._say_doubts()
 
-    def _watch(self) -> None:
-        """Say at once what begins or ends to be missing or doubted."""
-        if self.active:
-            now_ns = self.now_ns()
-            silent = [watch.what for watch in (self._output, *self._inputs.values()) if watch.is_stale(now_ns)]
-            self.tell((*silent, self._estimator.status.absent, *sorted(self._said)))
+    def news(self, now_ns: int) -> Hashable:
+        """What begins or ends to be missing or doubted, or to be without redundancy."""
+        silent = [watch.what for watch in (self._output, *self._inputs.values()) if watch.is_stale(now_ns)]
+        heads = self._estimator.belief.heads
+        return (*silent, self._estimator.status.absent, *sorted(self._said)), heads.lost, heads.unsettled
 
     def _say_doubts(self) -> None:
         """Log what begins or ceases to be doubted."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import os
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -181,6 +181,11 @@ class GapMonitor(ManagedNode):
             self._diagnosis_condition(now_ns),
             self._verdict_condition(now_ns),
         ]
+
+    def news(self, now_ns: int) -> Hashable:
+        """Which streams come, whether the last diagnosis failed, and what it concluded."""
+        states = [watch.state(now_ns) for watch in (*self._needed.values(), *self._helpful.values())]
+        return *states, self._failure_text, None if self._verdict is None else self._verdict.names
 
     def _kept_folder(self) -> Path | None:
         name = self.setting("folder")

@@ -11,13 +11,13 @@ import math
 import os
 import shlex
 import time
-from collections.abc import Iterator
+from collections.abc import Hashable, Iterator
 
 from std_srvs.srv import Trigger
 
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.description.settings import Setting
-from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.errors import InputError, without_numbers
 from rotary_error_monitor.linuxcnc_controller.connection import Connection
 from rotary_error_monitor.linuxcnc_controller.gate import GateLimits
 from rotary_error_monitor.linuxcnc_controller.intake import PRESENT
@@ -191,6 +191,10 @@ class LinuxcncBridge(ManagedNode):
             controller = Condition("controller", Level.OK, "connected", figures)
             machine = self._machine(self._state)
         return [controller, machine, self._listener.condition(), *self._conditions_of_command(now_ns, absence)]
+
+    def news(self, now_ns: int) -> Hashable:
+        """Whether the controller is within reach, its machine on and homed; of corrections their listener says so."""
+        return without_numbers(self._away()), None if self._state is None else without_numbers(self._state.trouble)
 
     def _open_command(self) -> ControllerCommand | None:
         """The command of the stage, where it is one of the machine's axes and nobody else publishes that."""

@@ -9,10 +9,10 @@ with, `conditions()` which says how it fares, and `release()` where something mu
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Hashable, Iterable, Iterator
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
@@ -42,7 +42,9 @@ _TELL_PERIOD = 0.2  # s; what comes and goes many times a second shall not flood
 
 
 class ManagedNode(ConnectedNode):
-    """A life cycle node that starts by itself, talks by the wire contract only, and says at 1 Hz how it fares.
+    """A life cycle node that starts by itself, talks by the wire contract only, and says how it fares.
+
+    It does so at 1 Hz, and at once when its `news` are others or something is refused that was not in the last report.
 
     Attributes:
         settings: parameters of the node beside `autostart`, `security` and `stage`; read when the node configures.
@@ -50,10 +52,12 @@ class ManagedNode(ConnectedNode):
         contract: the wire contract for the heads of that stage, as it stands in `msg_defs/` and in bags.
         wire: the same with the names that topics have in the node's namespace.
         simulates: whether what it publishes is simulated; the node says so in the log and in its diagnostics.
+        look_period: time between two looks whether there are news, s.
     """
 
     settings: tuple[Setting, ...] = ()
     simulates: bool = False
+    look_period: ClassVar[float] = _TELL_PERIOD
 
     def __init__(self, name: str, **how: Any) -> None:  # noqa: ANN401 (as `ConnectedNode`)
         """Declare the parameters; nothing else happens before the node configures.
@@ -67,7 +71,8 @@ class ManagedNode(ConnectedNode):
         self.contract: Wire
         self._settings = (AUTOSTART, SECURITY, *cell_settings("stage"), *self.settings)
         self._failure: InputError | None = None
-        self._told: tuple[object, float] = (None, 0.0)
+        self._told: tuple[Hashable, float] = (None, 0.0)
+        self._refused = frozenset[str]()
         self._clock_watch = ClockWatch()
         self._configured = False
         parameters.declare(self, self._settings)
@@ -85,6 +90,10 @@ class ManagedNode(ConnectedNode):
     def conditions(self, now_ns: int) -> list[Condition]:
         """How the node fares at `now_ns`, for `/diagnostics`."""
         return []
+
+    def news(self, now_ns: int) -> Hashable:
+        """What of the conditions is said at once when it is not what it was, such as reasons without their numbers."""
+        return ()
 
     def origin(self) -> dict[str, object]:
         """Figures that say where what the node publishes comes from, where that matters: of a simulation."""
@@ -181,15 +190,26 @@ class ManagedNode(ConnectedNode):
         self._entities.append(partial(self.destroy_publisher, publisher))
         self._diagnostics = publisher
         self.every(_DIAGNOSTICS_PERIOD, self._speak, in_turn=False)
+        self.every(self.look_period, self._look, in_turn=False)
 
     def _speak(self) -> None:
         self._diagnostics.publish(self.diagnose())
 
-    def tell(self, what: object) -> None:
-        """Publish the diagnostics at once where `what` they would say is not what it was at the last call."""
+    def _look(self) -> None:
+        """Publish the diagnostics at once where they say something new; of a node that is busy, later."""
+        if not self.busy.acquire(timeout=self.look_period):
+            return
+        try:
+            if self.active:
+                self._tell(self.news(self.now_ns()))
+        finally:
+            self.busy.release()
+
+    def _tell(self, news: Hashable) -> None:
         now = time.monotonic()
-        if what != self._told[0] and now - self._told[1] >= _TELL_PERIOD:
-            self._told = what, now
+        new = news != self._told[0] or self._refusals.keys() - self._refused
+        if new and now - self._told[1] >= _TELL_PERIOD:
+            self._told = news, now
             self._speak()
 
     def diagnose(self) -> messages.Message:
@@ -202,6 +222,7 @@ class ManagedNode(ConnectedNode):
         conditions += security_conditions(self._security)
         for source, (count, reason) in self._refusals.items():
             conditions.append(Condition(f"refused {source}", Level.ERROR, reason, {"refused_messages": count}))
+        self._refused = frozenset(self._refusals)
         self._refusals.clear()
         return self.report(now_ns, conditions)
 

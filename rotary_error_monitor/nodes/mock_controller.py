@@ -5,6 +5,7 @@ ros2 run rotary_error_monitor mock_controller --ros-args -p machine:=xyzac_trt
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from functools import partial
 
 from rotary_error_monitor.description.machine import MachineDescription, load_machine
@@ -67,6 +68,10 @@ class MockController(ManagedNode):
         """The streams that go out, and with a machine what becomes of the corrections."""
         streams = [sender.watch.report(now_ns) for sender in self._senders]
         return streams if self._listener is None else [*streams, self._listener.condition()]
+
+    def news(self, now_ns: int) -> Hashable:
+        """Whether the streams go out; of corrections their listener says so."""
+        return tuple(sender.watch.state(now_ns) for sender in self._senders)
 
     def _open_machine(self) -> None:
         machine = load_machine(self.setting("machine"))

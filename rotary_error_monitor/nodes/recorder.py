@@ -9,7 +9,7 @@ import contextlib
 import shutil
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
@@ -234,6 +234,10 @@ class Recorder(ManagedNode):
         if bag.moved is not None:
             reasons.append(f"the folder was renamed to {bag.moved}; recording goes on there")
         return [Condition("recording", Level.WARN if reasons else Level.OK, "; ".join(reasons) or "recording", figures)]
+
+    def news(self, now_ns: int) -> Hashable:
+        """Whether recording has stopped, or its folder is another one."""
+        return None if self._bag is None else (self._bag.stopped, self._bag.moved)
 
     def _receiver(self, topic: str) -> Callable[[bytes, int, int | None], None]:
         count, tells_origin = self._counts[topic], topic == self.contract.topic("diagnostics").name

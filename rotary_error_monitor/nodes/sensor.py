@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import replace
 from functools import partial
 from typing import Any, ClassVar
@@ -130,6 +130,10 @@ class Driver:
         nobody = self._nobody(now_ns)
         return replace(found, message=f"{found.message}: {nobody}") if nobody else found
 
+    def state(self, now_ns: int) -> str:
+        """In a word whether samples come."""
+        return self._watch.state(now_ns)
+
     def _nobody(self, now_ns: int) -> str:
         """That nobody publishes, where nothing comes; empty where somebody does."""
         if not self._watch.is_stale(now_ns) or self._node.count_publishers(self._topic):
@@ -234,3 +238,7 @@ class SensorNode(ManagedNode):
         """The driver that is heard, if it is one, and the stream that goes out."""
         driver = [] if self._driver is None else [self._driver.condition(now_ns)]
         return [*driver, self._sender.watch.report(now_ns)]
+
+    def news(self, now_ns: int) -> Hashable:
+        """Whether samples come and go out."""
+        return "" if self._driver is None else self._driver.state(now_ns), self._sender.watch.state(now_ns)

@@ -7,6 +7,7 @@ ros2 run rotary_error_monitor stage_follower
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from functools import partial
 
 from rotary_error_monitor.errors import InputError
@@ -64,6 +65,10 @@ class StageFollower(ManagedNode):
             level, words = Level.ERROR, f"the stage stands: no command for {age:.1f} s on {topic}"
         command = Condition("command", level, words, {"age_ms": age * 1e3})
         return [command, *(sender.watch.report(now_ns) for sender in self._senders)]
+
+    def news(self, now_ns: int) -> Hashable:
+        """Whether the command comes and the streams go out."""
+        return self._watch.state(now_ns), *(sender.watch.state(now_ns) for sender in self._senders)
 
     def _follow(self, block: SampleBlock) -> None:
         if self.listening.is_shared(self._topic.name):

@@ -118,17 +118,20 @@ class JointChecks:
         self._abrupt = np.zeros(len(self._axes))
         self._suspect = False
 
-    def judge(self, stamp_ns: int, row: NDArray[np.float64], speeds: Mapping[str, float]) -> str:
+    def judge(
+        self, stamp_ns: int, row: NDArray[np.float64], speeds: Mapping[str, float], unnamed: str | None = None
+    ) -> str:
         """Why a joint state is not believed; empty where it is.
 
         Args:
             stamp_ns: its stamp, after that of the one before, timestamp (ns).
             row: position of each axis, m or rad; NaN for an axis that it does not name.
             speeds: of the axes by their letters, as far as it says them, m/s or rad/s.
+            unnamed: letter of the axis that it does not name.
         """
         paused = self.heard_ns is not None and stamp_ns - self.heard_ns > PAUSE * 1e9
         self.heard_ns = stamp_ns
-        wrong = self._beyond(row)
+        wrong = self._beyond(row, unnamed)
         if not wrong:
             said = self._said(speeds)
             self._pace = np.maximum(self._pace, np.minimum(said, self._fastest))
@@ -154,11 +157,13 @@ class JointChecks:
         while len(self._recent) > 4 and stamp_ns - self._recent[0].stamp_ns > PACE_FADES * 1e9:
             self._recent.popleft()
 
-    def _beyond(self, row: NDArray[np.float64]) -> str:
-        beyond = (row < self._low) | (row > self._high)  # false for an axis that is not named
-        if not beyond.any():
+    def _beyond(self, row: NDArray[np.float64], unnamed: str | None) -> str:
+        within = (row >= self._low) & (row <= self._high)  # false for what is no number
+        if within.all():
             return ""
-        which = int(np.argmax(beyond))
+        which = next((i for i in np.flatnonzero(~within).tolist() if self._axes[i].letter != unnamed), None)
+        if which is None:
+            return ""
         axis, unit = self._axes[which], _unit(self._axes[which])
         low, high = axis.travel
         if _is_endless(axis):

@@ -113,7 +113,8 @@ class JointTrack:
         if newest is None or stamp_ns > newest:
             if heard is not None and newest != heard and stamp_ns <= heard:
                 return False  # that of one that was refused: an axis cannot have moved since
-            self.doubt = self.checks.judge(stamp_ns, row, velocities)
+            unnamed = self._optional if self._optional not in positions else None
+            self.doubt = self.checks.judge(stamp_ns, row, velocities, unnamed)
             if self.doubt:
                 self._refused = np.append(self._refused, stamp_ns)
                 return False

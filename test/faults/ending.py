@@ -13,7 +13,7 @@ from world import FAULTS, Recording, random_stage
 from world.fault import Fault, Injected
 
 from faults.behaviours import Bound, behaviour_of
-from faults.judging import SIGMAS, estimated, record
+from faults.judging import SIGMAS, estimated, record, stream_of
 from rotary_error_monitor.metrology.error_motion import COMPONENTS, ErrorMotion
 from rotary_error_monitor.pipeline.estimation import Estimator
 
@@ -50,6 +50,7 @@ class Ended:
 
     Attributes:
         heads: how many the stage has.
+        touched: streams that have the fault.
         wrong: part of the ticks of the recording at which a component is off by more than six of its standard
             deviations and what its behaviour allows, the largest of all components.
         harmed: whether anything is missing or off by more than six deviations of the sound estimate while it acts.
@@ -58,10 +59,22 @@ class Ended:
     """
 
     heads: int
+    touched: tuple[str, ...]
     wrong: float
     harmed: bool
     said: frozenset[str]
     missing: Mapping[str, float]
+
+    @property
+    def unnamed(self) -> tuple[str, ...]:
+        """Streams that have the fault of which nothing was said."""
+        named = {word for words in self.said for word in words.partition(" refused:")[0].split()}
+        return tuple(name for name in self.touched if name not in named)
+
+    @property
+    def is_of_the_heads(self) -> bool:
+        """Whether it was said that the heads contradict one another, without which of them is wrong."""
+        return not self.said.isdisjoint({"heads", "withheld"})
 
 
 def _until(recording: Recording, injected: Injected, end_ns: int) -> Recording:
@@ -186,6 +199,7 @@ def ended_of(
     after = times > end_ns + round(REPORT * 1e9)
     return Ended(
         len(section["encoder"]["heads"]),
+        tuple(name for topic in injected.topics if (name := stream_of(topic)) is not None),
         float(wrong.sum(axis=0).max()) / (DURATION * 1e3),
         bool(harm.mean() > 1e-3),
         found.told(begin_ns, until_ns) - sound.told(begin_ns, until_ns),

@@ -14,11 +14,15 @@ import pytest
 from draws import ALL
 
 from faults.documenting import Row, shows
-from faults.machine_run import MACHINE, Machine, Run, compare, run
+from faults.machine_run import MACHINE, START, Machine, Run, compare, run
 
 SEEDS = range(11, 11 + int(os.environ.get("FAULT_SEEDS", "2" if ALL else "1")))
 RECOVERY = 1.0
 """Time after the end of a fault within which corrections are again what they would be without it, s."""
+
+TOLD = 0.75
+"""Time within which a fault is told here, s: a node looks for what is new every 0.05 s, says it no sooner than 0.2 s
+after the last news, and all is to be in `/diagnostics` within 1 s."""
 
 Change = Callable[[dict[str, float], dict[str, float], np.random.Generator], None]
 JOINT_FAULTS: dict[str, tuple[Change, str]] = {}
@@ -38,7 +42,7 @@ def beyond_its_travel(q, v, draw):
     q["X"] += draw.choice([-1, 1]) * draw.uniform(0.6, 5.0)
 
 
-@joint_fault("axis Y made a jump of 0.0.* m")
+@joint_fault(r"axis Y made a jump of -?0\.0.* m")
 def a_jump_within_its_travel(q, v, draw):
     q["Y"] += draw.choice([-1, 1]) * draw.uniform(0.03, 0.1)
 
@@ -60,9 +64,14 @@ def millimetres_for_metres(q, v, draw):
         q[letter], v[letter] = 1e3 * q[letter], 1e3 * v[letter]
 
 
-@joint_fault("axis .* at (nan|inf|-inf) ")
-def not_finite(q, v, draw):
-    q[draw.choice(list("XYZAC"))] = draw.choice([math.nan, math.inf, -math.inf])
+@joint_fault("axis . at nan ")
+def not_a_number(q, v, draw):
+    q[draw.choice(list("XYZAC"))] = math.nan
+
+
+@joint_fault("axis . at -?inf ")
+def infinite(q, v, draw):
+    q[draw.choice(list("XYZAC"))] = draw.choice([math.inf, -math.inf])
 
 
 @joint_fault(r"axis .* at (1e\+30|-1e\+300) ")
@@ -118,13 +127,17 @@ def drawn(seed: int) -> tuple[np.random.Generator, float, float]:
     return draw, begin, begin + draw.uniform(0.3, 1.5)
 
 
-def check(seed: int, found: Run, begin: float, end: float, said: str) -> None:
-    """Nothing wrong went out, what the expression `said` finds was said within 1 s, and it was over in time."""
+def check(seed: int, found: Run, begin: float, end: float, said: str, shown: float | None = None) -> None:
+    """Nothing wrong went out, what the expression `said` finds was said in time, and it was over in time.
+
+    Where a fault does not show at its begin, it is said in time from when it is `shown`, s.
+    """
     verdict = compare(healthy(seed), found, begin, end)
     assert verdict.wrong == 0.0, verdict
     assert verdict.fastest <= 1.0 + 1e-6, verdict
     assert verdict.recovered <= RECOVERY, verdict
-    told = found.told(begin, max(end, begin + 1.0))
+    shown = begin if shown is None else shown
+    told = found.told(shown, shown + TOLD)
     assert any(re.search(said, each) for each in told), told
 
 
@@ -358,7 +371,32 @@ def test_a_silent_thermometer(seed):
     begin, end = 2.1, 6.1
     soon = replace(MACHINE, limits=replace(MACHINE.limits, temperature_age=2.0))
     found = run(Machine(seed), temperature=lambda t, warmth: None if begin <= t < end else warmth, description=soon)
-    check(seed, found, begin, end, "temperature is . s old")
+    check(seed, found, begin, end, "temperature is . s old", begin + soon.limits.temperature_age)
+
+
+@shows(
+    Row(
+        "joints",
+        "No temperature has come yet",
+        "`compensation: correction`: held, no temperature yet",
+        "corrections wait for it for 2.5 s (`temperature_patience`); from then on that of reference stands in, as "
+        "uncertain as the range of temperatures, which is told as well",
+        "held; then corrections with that uncertainty, held where it is larger than `uncertainty_limit`",
+        "with the first temperature; its uncertainty falls once others have agreed with it for 0.5 s",
+    )
+)
+@pytest.mark.parametrize("seed", SEEDS)
+def test_corrections_wait_for_the_first_temperature(seed):
+    machine, waiting, stands_in = Machine(seed), "no temperature yet; after 2.5 s", "no temperature: that of reference"
+    for begin, until in ((1.2, 1.5), (math.inf, 2.5)):  # temperatures come every half second
+        found = run(machine, temperature=lambda t, warmth, begin=begin: warmth if t >= begin else None)
+        held = {why for t, why in found.held.items() if 0.1 < t < until}
+        assert len(held) == 1 and held.pop().startswith(waiting)
+        assert until - 0.1 < (min(found.corrections) - START) * 1e-9 < until + 0.2
+        assert any(why.startswith(stands_in) for _, why in found.said) == math.isinf(begin)
+    sure = healthy(seed).uncertain  # how much more depends on where the axes are
+    more = [found.uncertain[stamp] / sure[stamp] for stamp in found.uncertain.keys() & sure.keys()]
+    assert min(more) >= 1.0 and np.mean(more) > 1.5
 
 
 def test_every_axis_of_the_machine_has_limits():

@@ -19,7 +19,7 @@ from rotary_error_monitor.description.wire import Topic, load_wire
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.error_model import predict_tool_offset
 from rotary_error_monitor.machine.kinematics import arrange_machine
-from rotary_error_monitor.nodes import messages
+from rotary_error_monitor.nodes import managed, messages
 from rotary_error_monitor.nodes.compensation import Compensation
 from rotary_error_monitor.nodes.mock_controller import MockController
 from rotary_error_monitor.pipeline.corrections import OFFSET
@@ -367,6 +367,30 @@ def test_a_wrong_input_is_told_by_its_value_and_not_as_an_age(cell, feed, correc
     assert not any(any(correction.position) for correction in corrections)
     words = [each.message for array in heard for each in array.status if each.name.endswith("compensation: correction")]
     assert words and not [text for text in words if "age limit" in text]
+
+
+def test_what_is_not_believed_is_said_without_waiting_for_the_next_second(cell, plant, feed, corrections, monkeypatch):
+    """Here no such second comes: a fault of 0.3 s between two reports would not have been told."""
+    monkeypatch.setattr(managed, "_DIAGNOSTICS_PERIOD", 3600.0)
+    joints, temperature = (cell.wire.topic(key) for key in ("machine_joint_states", "machine_temperature"))
+    send_joints, send_temperature = cell.publish_on(joints), cell.publish_on(temperature)
+    cell.run(Compensation, "compensation", machine="xyzac_trt", **RELAXED, position_tolerance=3.15)
+
+    def said(words: str, of_x: float, warmth: float) -> None:
+        def told() -> bool:
+            now_ns = cell.node.get_clock().now().nanoseconds
+            angle, _ = plant.motion.at((now_ns - plant.epoch_ns) * 1e-9)
+            pose = [of_x, -0.05, 0.02, 0.3, float(angle)]
+            send_joints(messages.joint_state_message(now_ns, "base", "XYZAC", pose, [0.0] * 5))
+            send_temperature(messages.temperature_message(now_ns, temperature.frame, warmth))
+            return cell.has_status("compensation: correction", words)
+
+        feed.run_until(told, words)
+
+    said("nobody says on", 0.07, 20.0)  # they flow, and the next word is another one
+    assert corrections
+    said("temperature not believed: 1e+06", 0.07, 1e6)
+    said("axis X at 70 m is beyond", 70.0, 20.0)
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
@@ -73,6 +75,18 @@ def test_late_and_refused():
     report = stream.report(30 * MS)
     assert (report.figures["late_blocks"], report.figures["refused_messages"]) == (1, 1)
     assert report.message.endswith("refused: no finite number")
+
+
+def test_samples_that_were_refused_of_whole_messages():
+    stream = watch()
+    stream.observe(block(0), 5 * MS)
+    stream.refused_samples = Counter({"not finite": 2, "a spike": 0})
+    report = stream.report(10 * MS)
+    assert (report.level, report.message) == (Level.WARN, "alive; samples refused: 2 not finite")
+    assert report.figures["refused_samples"] == 2
+    stream.refused_samples["a spike"] += 1
+    assert stream.report(10 * MS).message == "alive; samples refused: 1 a spike"
+    assert stream.report(10 * MS).level is Level.OK, "only what is new is a warning"
 
 
 def test_a_stream_goes_stale():

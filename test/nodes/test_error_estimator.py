@@ -19,6 +19,7 @@ from std_srvs.srv import Trigger
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.autocollimator import Autocollimator
+from rotary_error_monitor.nodes.diagnostics import status_name
 from rotary_error_monitor.nodes.encoder_head import EncoderHead
 from rotary_error_monitor.nodes.error_estimator import ErrorEstimator
 from rotary_error_monitor.nodes.mock_controller import MockController
@@ -329,6 +330,30 @@ def test_a_head_that_contradicts_the_others_is_told_and_left_out(cell, estimates
     spans = [block_of(each).times_ns[[0, -1]] for each in estimates]
     away = [each for each, (a, b) in zip(estimates, spans, strict=True) if b <= near[0] or near[1] <= a]
     assert check_against_truth(away, plant) == {"exc", "eyc", "eac", "ebc", "ecc"}
+
+
+def test_a_single_sample_that_is_refused_is_told_with_its_reason(cell, estimates, plant):
+    """Its head goes on: less than a tenth of its samples are refused, and no other word would tell."""
+    cell.run(ErrorEstimator, "error_estimator", period=PERIOD, check_turns=0.0)
+    harmed = []
+
+    def change(stream, block):
+        rows = block.rows.copy()
+        if stream == "head_b" and estimates and not harmed:
+            rows[len(rows) // 2, 1] = 1e30
+            harmed.append(block.stamp_ns)
+        return SampleBlock(block.stamp_ns, block.names, rows)
+
+    name = f"error_estimator: {cell.wire.topic('head_samples', 'b').name}"
+    words = "samples refused: 1 beyond what the instrument can show"
+    heard = cell.collect(cell.wire.topic("diagnostics"))
+
+    def told():
+        return any(words in each.message for array in heard for each in array.status if each.name == status_name(name))
+
+    send_blocks(cell, plant, 200_000_000, change, told)
+    assert cell.figures(name)["refused_samples"] == "1"
+    assert newest_mask(estimates) & 0b0010
 
 
 def test_heads_that_contradict_one_another_from_the_start_publish_nothing(cell, estimates, plant):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Hashable, Iterator, Mapping
 
 import pytest
 import yaml
@@ -13,9 +13,11 @@ from ports import free_port
 from rclpy.parameter import Parameter
 
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.nodes import managed
 from rotary_error_monitor.nodes.autocollimator import Autocollimator
 from rotary_error_monitor.nodes.compensation import Compensation
 from rotary_error_monitor.nodes.dashboard import Dashboard
+from rotary_error_monitor.nodes.diagnostics import Condition, Level
 from rotary_error_monitor.nodes.encoder_head import EncoderHead
 from rotary_error_monitor.nodes.error_estimator import ErrorEstimator
 from rotary_error_monitor.nodes.gap_monitor import GapMonitor
@@ -191,3 +193,23 @@ def test_quality_of_service_can_be_overridden(cell):
     cell.wait_until(lambda: cell.node.get_publishers_info_by_topic(topic) != [], "the publisher")
     (info,) = cell.node.get_publishers_info_by_topic(topic)
     assert info.qos_profile.reliability.name == "BEST_EFFORT"
+
+
+class Told(ManagedNode):
+    word = "one"
+
+    def conditions(self, now_ns: int) -> list[Condition]:
+        return [Condition("word", Level.WARN, self.word)]
+
+    def news(self, now_ns: int) -> Hashable:
+        return self.word
+
+
+def test_what_is_new_is_said_at_once_and_not_with_the_report_of_the_next_second(cell, monkeypatch):
+    monkeypatch.setattr(managed, "_DIAGNOSTICS_PERIOD", 3600.0)
+    node = cell.run(Told, "told")
+    cell.wait_for_status("told: word", "one")
+    node.word = "another"
+    cell.wait_for_status("told: word", "another")
+    node.refuse("/topic", InputError("no number"))
+    cell.wait_for_status("told: refused /topic", "no number")

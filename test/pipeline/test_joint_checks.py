@@ -163,7 +163,9 @@ def test_a_step_within_the_speed_of_the_axis_is_refused_for_a_second():
 def test_an_axis_that_is_not_named_is_not_judged():
     rows = smooth()
     rows[:, 4] = np.nan
-    assert set(judged(rows)[1]) == {""}
+    checks = JointChecks(MACHINE)
+    assert {checks.judge(k * 10 * MS, row, SPEEDS, unnamed="C") for k, row in enumerate(rows)} == {""}
+    assert checks.judge(60_000 * MS, rows[0], SPEEDS).startswith("axis C at nan rad is beyond its travel")
 
 
 def told(axis, stamps, places, speeds):
