@@ -13,6 +13,7 @@ from array import array
 from pathlib import Path
 
 import pytest
+from nodes.node_log import Log
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
@@ -221,14 +222,12 @@ def test_a_publisher_that_cannot_be_heard_is_named_with_the_reason(mock):
     assert mock.status(STATUS).message == "held: no correction has come yet on /machine/axis_corrections"
 
 
-def test_the_log_ends_with_what_is_so_however_often_it_changes(mock, capfd):
+def test_the_log_ends_with_what_is_so_however_often_it_changes(mock, monkeypatch):
     """Each state is logged once a second at most: the last one of several is logged as soon as it is due."""
-    corrector, log = CorrectionMaker(mock), ""
+    corrector, log = CorrectionMaker(mock), Log(monkeypatch, MockController)
 
     def logs(word):
-        nonlocal log
-        log += capfd.readouterr().err
-        return re.findall("corrections: (applied|held)", log)[-1:] == [word]
+        return re.findall("corrections: (applied|held)", "\n".join(log.lines))[-1:] == [word]
 
     for _ in range(3):
         corrector.until(lambda: mock.has_status(STATUS, "applied"), "corrections that are applied")

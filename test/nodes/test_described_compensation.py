@@ -5,8 +5,10 @@ from __future__ import annotations
 import time
 
 import numpy as np
+import pytest
 from faults.documenting import Row, shows
 from faults.live.other_programs import stated
+from nodes.node_log import Log
 from received_blocks import block_of
 from std_srvs.srv import Trigger
 
@@ -111,30 +113,46 @@ def test_of_two_compensations_one_at_most_speaks_and_both_say_so(cell):
     cell.wait_for_status("mock_controller: corrections", "applied")
 
 
-def test_each_reset_and_each_latch_after_it_is_logged(cell, capfd):
+@pytest.fixture
+def log(monkeypatch):
+    return Log(monkeypatch, Compensation)
+
+
+LATCHED = "corrections are held: error limit latched until ~/reset is called"
+LATCHING = {"linear__warning": 1e-7, "linear__error": 2e-7}
+"""Limits below what the grinder needs: whatever is computed latches."""
+
+
+def test_each_reset_and_each_latch_after_it_is_logged(cell, log):
     """Of joint states 10 ms apart the next one latches again, before anybody looks."""
     cell.run(MockController, "mock_controller", machine=GRINDER)
-    limits = {"linear__warning": 1e-7, "linear__error": 2e-7}
-    cell.run(Compensation, "compensation", machine=GRINDER, **RELAXED, **limits)
-    latched = "error limit latched until ~/reset is called"
-    log = ""
-
-    def latches(count):
-        nonlocal log
-        log += capfd.readouterr().err
-        return log.count(f"corrections are held: {latched}") >= count
-
+    cell.run(Compensation, "compensation", machine=GRINDER, **RELAXED, **LATCHING)
     for count in range(1, 6):
-        cell.wait_until(lambda count=count: latches(count), f"latch {count} in the log")
+        cell.wait_until(lambda count=count: log.count(LATCHED) >= count, f"latch {count} in the log")
         cell.spin_for(0.5)  # nothing more is logged of it
         assert cell.call(Trigger, "/compensation/reset").message.startswith("released")
-    cell.wait_until(lambda: latches(6), "the last latch in the log")
-    cell.wait_for_status("compensation: correction", latched)
+    cell.wait_until(lambda: log.count(LATCHED) >= 6, "the last latch in the log")
+    cell.wait_for_status("compensation: correction", LATCHED.removeprefix("corrections are held: "))
     cell.spin_for(0.5)
-    log += capfd.readouterr().err
     assert log.count("reset: released") == 5
-    assert log.count(f"corrections are held: {latched}") == 6
-    assert "later than the age limit" not in log
+    assert log.count(LATCHED) == 6
+    assert log.count("later than the age limit") == 0
+
+
+def test_a_latch_behind_another_hold_is_logged_and_so_is_one_that_comes_back(cell, log):
+    silent = "corrections are held: no joint states"
+    cell.run(Compensation, "compensation", machine=GRINDER, **RELAXED, **LATCHING)
+    cell.wait_until(lambda: log.count(silent) == 1, "a hold")
+    controller = cell.run(MockController, "mock_controller", machine=GRINDER)
+    cell.wait_until(lambda: log.count(LATCHED) == 1, "the latch behind it")
+    controller.trigger_deactivate()
+    topic = cell.wire.topic("machine_joint_states").name
+    cell.wait_for_status(f"compensation: {topic}", "stale")
+    assert cell.call(Trigger, "/compensation/reset").message.startswith("released")
+    cell.wait_until(lambda: log.count(silent) == 2, "the hold that the latch had hidden")
+    controller.trigger_activate()
+    cell.wait_until(lambda: log.count(LATCHED) == 2, "the latch that came back")
+    cell.wait_for_status("compensation: correction", LATCHED.removeprefix("corrections are held: "))
 
 
 def test_when_joint_states_stop_corrections_stop(cell):

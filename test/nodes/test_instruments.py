@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from faults.documenting import Row, shows
 from geometry_msgs.msg import Vector3Stamped
+from nodes.node_log import Log
 from nodes.plant_samples import assert_sample, assert_samples
 from ports import free_port
 from received_blocks import block_of
@@ -95,15 +96,17 @@ DRIVERS = [
 )
 @pytest.mark.parametrize(("node_class", "name", "key", "kind", "parameters"), DRIVERS, ids=[d[1] for d in DRIVERS])
 def test_the_topic_that_is_listened_to_is_named_and_that_nobody_publishes_there(
-    cell, capfd, node_class, name, key, kind, parameters
+    cell, monkeypatch, node_class, name, key, kind, parameters
 ):
+    log = Log(monkeypatch, node_class)
     cell.run(node_class, name, **{"source": "vector3", **parameters})
     nobody = "nobody publishes on /enc"
     cell.wait_for_status(f"{name}: /enc", f"nothing has arrived yet: {nobody}")
     own = cell.wire.topic(key, *(["a"] if key == "head_samples" else []))
     cell.wait_for_status(f"{name}: {own.name}", "nothing has been sent yet")
+    cell.wait_until(lambda: log.count(nobody) > 0, "the log to say so")
     cell.spin_for(0.5)
-    assert capfd.readouterr().err.count(nobody) == 1
+    assert log.count(nobody) == 1
     driver, steps = cell.node.create_publisher(kind, "/enc", 10), iter(range(10_000))
 
     def is_heard():
@@ -111,7 +114,7 @@ def test_the_topic_that_is_listened_to_is_named_and_that_nobody_publishes_there(
         return cell.has_status(f"{name}: /enc", "alive")
 
     cell.wait_until(is_heard, "the driver to be heard")
-    assert "samples come on /enc" in capfd.readouterr().err
+    cell.wait_until(lambda: log.count("samples come on /enc") > 0, "the log to say so")
 
 
 @shows(
