@@ -4,24 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 from pushed_inputs import push_error_motion
 
 from rotary_error_monitor.description.machine import MachineDescription, load_machine
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.machine.correction import remaining_offset
+from rotary_error_monitor.machine.kinematics import arrange_machine
 from rotary_error_monitor.machine.limits import Outcome
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.compensation import Compensator
 from rotary_error_monitor.pipeline.corrections import Correction
 
 MACHINE = load_machine("xyzac_trt")
+MODEL = arrange_machine(MACHINE)
 START = 1_763_700_000_000_000_000
 MS = 1_000_000
 DURATION = 8.0
 RATES = np.array([2e-3, 2e-3, 2e-3, 2e-2, 2e-2])
 """Limits of the shipped settings, m/s and rad/s."""
 
+Time = TypeVar("Time", float, NDArray[np.float64])
 JointState = tuple[dict[str, float], dict[str, float]]
 Change = Callable[[float, dict[str, float], dict[str, float]], JointState | None]
 """What becomes of a joint state at a time (s): positions and velocities by axis, or none."""
@@ -64,7 +70,7 @@ class Machine:
         found = {axis.letter: self.axis(axis.letter, t) for axis in MACHINE.axes}
         return {k: float(q) for k, (q, _) in found.items()}, {k: float(v) for k, (_, v) in found.items()}
 
-    def temperature(self, t: float) -> float:
+    def temperature(self, t: Time) -> Time:
         """°C."""
         return 20.0 + 0.002 * t
 
@@ -111,8 +117,9 @@ def run(
     temperature: Callable[[float, float], float | None] = lambda _, value: value,
     description: MachineDescription = MACHINE,
     ahead: Callable[[float], float] = lambda _: 0.0,
+    motion: Callable[[float, ErrorMotion], ErrorMotion] = lambda _, motion: motion,
 ) -> Run:
-    """The compensation of a machine, its joint states and temperatures changed by a fault.
+    """The compensation of a machine, its joint states, temperatures and error motion changed by a fault.
 
     Joint states are stamped ahead of their time (s) by `ahead`, s.
     """
@@ -128,7 +135,7 @@ def run(
                     found.said.append((t, why))
             except InputError as error:
                 found.said.append((t, str(error)))
-        result = push_error_motion(compensator, machine.error_motion(ms))
+        result = push_error_motion(compensator, motion(t, machine.error_motion(ms)))
         for correction in result.corrections:
             found.corrections[correction.stamp_ns] = correction
             if correction.report is not None:
@@ -184,3 +191,19 @@ def compare(healthy: Run, found: Run, begin: float, end: float) -> Verdict:
         fastest,
         float(times[same].min() - end) if same.any() else float("nan"),
     )
+
+
+def left_over(machine: Machine, found: Run, stamps: NDArray[np.int64]) -> NDArray[np.float64]:
+    """(n,) distance of the tool from where it should be, m, with the corrections of these stamps and the true rotor."""
+    t = (stamps - START) * 1e-9
+    positions, speeds = np.moveaxis([machine.axis(axis.letter, t) for axis in MACHINE.axes], 0, 2)
+    motion = ErrorMotion.joined([machine.error_motion((stamp - START) // MS, 1) for stamp in stamps.tolist()])
+    offset = remaining_offset(
+        MODEL,
+        positions,
+        np.array([found.corrections[stamp].values for stamp in stamps.tolist()]),
+        direction=np.sign(speeds),
+        temperature=machine.temperature(t),
+        monitored=np.where(motion.observable, motion.components, np.nan),
+    )
+    return np.asarray(np.linalg.norm(offset[:, :3], axis=1))

@@ -14,7 +14,9 @@ import pytest
 from draws import ALL
 
 from faults.documenting import Row, shows
-from faults.machine_run import MACHINE, START, Machine, Run, compare, run
+from faults.machine_run import MACHINE, START, Machine, Run, compare, left_over, run
+from rotary_error_monitor.metrology.error_motion import ErrorMotion
+from rotary_error_monitor.pipeline.verdict import DOUBTS
 
 SEEDS = range(11, 11 + int(os.environ.get("FAULT_SEEDS", "2" if ALL else "1")))
 RECOVERY = 1.0
@@ -397,6 +399,57 @@ def test_corrections_wait_for_the_first_temperature(seed):
     sure = healthy(seed).uncertain  # how much more depends on where the axes are
     more = [found.uncertain[stamp] / sure[stamp] for stamp in found.uncertain.keys() & sure.keys()]
     assert min(more) >= 1.0 and np.mean(more) > 1.5
+
+
+def without_tilt(begin: float, end: float, *, doubted: bool) -> Callable[[float, ErrorMotion], ErrorMotion]:
+    """What an estimator publishes that hears no autocollimator, or does not believe it."""
+    doubt = doubted << DOUBTS.index("autocollimator")
+    tilt = np.isin(np.arange(6), (3, 4))
+
+    def change(t: float, motion: ErrorMotion) -> ErrorMotion:
+        if not begin <= t < end:
+            return motion
+        return replace(
+            motion,
+            observable=motion.observable & ~tilt,
+            components=np.where(tilt, 0.0, motion.components),
+            covariance=np.where(tilt[:, None] | tilt, 0.0, motion.covariance),
+            doubts=np.full(len(motion.times_ns), doubt),
+        )
+
+    return change
+
+
+@shows(
+    Row(
+        "autocollimator",
+        "The autocollimator is lost, or not believed, while corrections flow",
+        "`compensation: correction`, a warning: tilt from the description, no autocollimator is heard, or is not used",
+        "the machine's description stands in for the tilt, as uncertain as it was off while the tilt was measured",
+        "corrections with that uncertainty, in the covariance and in `standard_uncertainty_um`; held where it is larger"
+        " than `uncertainty_limit`",
+        "with the first estimate that has tilt",
+    )
+)
+@pytest.mark.parametrize("doubted", [False, True], ids=["lost", "doubted"])
+@pytest.mark.parametrize("seed", SEEDS)
+def test_what_a_lost_autocollimator_costs_is_said(seed, doubted):
+    _, begin, end = drawn(seed)
+    found, sound = run(Machine(seed), motion=without_tilt(begin, end, doubted=doubted)), healthy(seed)
+    words = "the autocollimator is not used" if doubted else "no autocollimator is heard"
+    assert f"tilt from the description: {words}" in found.told(begin, begin + TOLD)
+    reported = sorted(sound.uncertain.keys() & found.uncertain.keys())
+    during = np.array([stamp for stamp in reported if begin + 0.1 < (stamp - START) * 1e-9 < end])
+    off = left_over(Machine(seed), found, during)
+    spreads = [[each.corrections[stamp].report.covariance for stamp in during] for each in (found, sound)]
+    deviations = np.sqrt(np.diagonal(spreads, axis1=2, axis2=3))
+    (place, place_before), (tilt, tilt_before) = (
+        np.linalg.norm(deviations[:, :, i], axis=2) for i in ([0, 1, 2], [3, 4])
+    )
+    assert (off <= 6.0 * place).all()
+    assert (place > place_before).all() and (tilt > 1.3 * tilt_before).all()
+    after = [stamp for stamp in reported if (stamp - START) * 1e-9 > end + 0.1]
+    assert [found.uncertain[stamp] for stamp in after] == pytest.approx([sound.uncertain[stamp] for stamp in after])
 
 
 def test_every_axis_of_the_machine_has_limits():

@@ -39,6 +39,7 @@ class MotionFeed:
         self._cell, self._plant = cell, plant
         self._send = cell.publish_blocks(cell.wire.topic("error_motion_samples"))
         self.sent_ns = 0
+        self.observable = ALL_BUT_AXIAL
 
     def send(self, exc: float = 2e-6, theta_offset: float = 0.0, ahead_ns: int = 0) -> int:
         now_ns = self._cell.node.get_clock().now().nanoseconds + ahead_ns
@@ -47,7 +48,7 @@ class MotionFeed:
             return self.sent_ns
         rows = np.zeros((len(stamps), len(COLUMNS)))
         command, _ = self._plant.motion.at((stamps - self._plant.epoch_ns) * 1e-9)
-        values = {"theta": command + theta_offset, "exc": exc, "observable": ALL_BUT_AXIAL, "streams": 63}
+        values = {"theta": command + theta_offset, "exc": exc, "observable": self.observable, "streams": 63}
         values |= {f"var_{name}": 1e-16 for name in ("exc", "eyc", "eac", "ebc", "ecc")}
         for name, value in values.items():
             rows[:, COLUMNS.index(name)] = value
@@ -376,7 +377,7 @@ def test_what_is_not_believed_is_said_without_waiting_for_the_next_second(cell, 
     send_joints, send_temperature = cell.publish_on(joints), cell.publish_on(temperature)
     cell.run(Compensation, "compensation", machine="xyzac_trt", **RELAXED, position_tolerance=3.15)
 
-    def said(words: str, of_x: float, warmth: float) -> None:
+    def said(words: str, of_x: float, warmth: float) -> bytes:
         def told() -> bool:
             now_ns = cell.node.get_clock().now().nanoseconds
             angle, _ = plant.motion.at((now_ns - plant.epoch_ns) * 1e-9)
@@ -386,11 +387,14 @@ def test_what_is_not_believed_is_said_without_waiting_for_the_next_second(cell, 
             return cell.has_status("compensation: correction", words)
 
         feed.run_until(told, words)
+        return cell.status("compensation: correction").level
 
     said("nobody says on", 0.07, 20.0)  # they flow, and the next word is another one
     assert corrections
-    said("temperature not believed: 1e+06", 0.07, 1e6)
-    said("axis X at 70 m is beyond", 70.0, 20.0)
+    assert said("temperature not believed: 1e+06", 0.07, 1e6) == b"\x01"
+    feed.observable &= 0b100111
+    assert said("tilt from the description: no autocollimator is heard", 0.07, 20.0) == b"\x01"
+    assert said("axis X at 70 m is beyond", 70.0, 20.0) == b"\x02"
 
 
 @pytest.mark.parametrize(
