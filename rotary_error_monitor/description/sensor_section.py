@@ -43,6 +43,13 @@ _OWN_UNITS = {READ_HEAD: "rad", "autocollimator": "rad", "lvdt": "m", "command":
 SHAFT_FORCE = "force on the shaft"
 PLACE_TEMPERATURE = "temperature of a place"
 
+PROBE_WIDTH = 3e-3
+"""Width, m, below which hardly a displacement probe has its body: the smallest capacitive and eddy current probes.
+LVDTs and most others are 8 mm and more, but a file does not say of which make its probes are."""
+
+LARGEST_ARTEFACT = 1.0
+"""Radius, m, that no artefact exceeds before which radial probes stand: a file does not state its own."""
+
 Uncertainty = Annotated[float, Expected("standard uncertainty of zero and form in m or rad", 1e-10, 0.001)]
 
 
@@ -72,6 +79,7 @@ class SensorSection(Section):
         unit: SI unit of the fields, or °C.
         is_input: whether the kind measures what acts on the stage, and nothing of how the rotor stands.
         is_slow: whether it samples about once a second, as thermometers do.
+        or_else: what a file may state, beside another place, of two of the kind that are no contradiction at one place.
         measures: what an input measures for the twin: `SHAFT_FORCE`, `PLACE_TEMPERATURE`, or something else, which
             effects of its own find in `RotorState.inputs`.
         kind: of sensor: name of its file in `sensor_kinds/`, or of the entry point of another package.
@@ -82,6 +90,7 @@ class SensorSection(Section):
     is_input: ClassVar[bool] = False
     is_slow: ClassVar[bool] = False
     measures: ClassVar[str] = ""
+    or_else: ClassVar[str] = ""
 
     kind: str
     noise: Annotated[Noise, Expected("standard deviation of one reading in m")]
@@ -89,6 +98,14 @@ class SensorSection(Section):
     range: Annotated[Range, Expected("half of the measuring range in m")]
     uncertainty: Annotated[Uncertainty, Expected("standard uncertainty of zero and form in m, 0.1 nm or more")]
     latency: Latency | None = None
+
+    @property
+    def body(self) -> tuple[float, float, float] | None:
+        """A point of the sensor, m: two of the kind with these nearer than `PROBE_WIDTH` would be one in the other.
+
+        None of a kind of which any number may be at one place, as of thermometers, or before one mirror.
+        """
+        return None
 
     def __init_subclass__(cls) -> None:
         """Call a kind by its file."""

@@ -28,6 +28,7 @@ from rotary_error_monitor.description.quantities import (
 )
 from rotary_error_monitor.description.response import Response
 from rotary_error_monitor.description.sections import Place, Section, WrongError, stated
+from rotary_error_monitor.description.sensor_places import heads_at_one_place, sensors_at_one_place
 from rotary_error_monitor.description.sensor_section import OWN_KINDS, READ_HEAD, SHAFT_FORCE, SensorSection, check_unit
 from rotary_error_monitor.description.stage_limits import StageLimits
 from rotary_error_monitor.description.two_axis_section import (
@@ -39,9 +40,6 @@ from rotary_error_monitor.description.two_axis_section import (
     LvdtSection,
     folded,
 )
-
-ONE_PLACE = 1e-3
-"""Angle, rad, below which two heads would be one in the other: the largest rings have 1 mm there, heads some 10 mm."""
 
 MOST_STREAMS = 51
 """Heads and listed sensors but inputs: with autocollimator and command as many bits as a float64, in which masks
@@ -321,7 +319,9 @@ def _contradictions(section: StageSection) -> Iterator[tuple[Place, str]]:
             ("sensors",),
             f"{len(poses)} sensors beside {len(heads)} heads; a mask of streams has place for {MOST_STREAMS} of both",
         )
-    yield from _doubled(heads)
+    radius = 0.0 if section.encoder is None else section.encoder.disc_radius
+    yield from ((("encoder", *place), told) for place, told in heads_at_one_place(heads, radius))
+    yield from ((("sensors", *place), told) for place, told in sensors_at_one_place(section.sensors))
     for name, sensor in section.sensors.items():
         read = listed_sensor(sensor)
         for limit, values in (("resolution", (read.resolution,)), ("zero", read.zeros)):
@@ -332,17 +332,6 @@ def _contradictions(section: StageSection) -> Iterator[tuple[Place, str]]:
         yield from folded(section.autocollimator)
     yield from _doubtful_force(section)
     yield from _unknown(section, poses)
-
-
-def _doubled(heads: Mapping[str, Head]) -> Iterator[tuple[Place, str]]:
-    """Heads at one place of the ring."""
-    seen: dict[str, float] = {}
-    for letter, head in heads.items():
-        for other, azimuth in seen.items():
-            if abs(math.remainder(head.azimuth - azimuth, 2 * math.pi)) < ONE_PLACE:
-                told = f"{head.azimuth} is where head '{other}' stands ({azimuth}); expected a place of its own"
-                yield ("encoder", "heads", letter, "azimuth"), told
-        seen[letter] = head.azimuth
 
 
 def _doubtful_force(section: StageSection) -> Iterator[tuple[Place, str]]:

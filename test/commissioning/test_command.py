@@ -286,6 +286,7 @@ def test_heads_that_jump_make_no_file(
 def test_heads_at_one_azimuth_are_refused_with_their_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     built = build(8, count=3, duration=20.0)
     heads = built.nominal["encoder"]["heads"]
+    built.nominal["encoder"]["disc_radius"] = 1.0  # there such heads have room
     heads["b"]["azimuth"] = heads["a"]["azimuth"] + 0.01
     bag, nominal = written(built, tmp_path)
     assert run(bag, nominal, tmp_path / "stage.yaml") == 2

@@ -26,6 +26,7 @@ from rotary_error_monitor.description.machine import (
     machine_mapping,
 )
 from rotary_error_monitor.description.machine_section import MachineSection
+from rotary_error_monitor.description.sensor_places import HEAD_WIDTH
 from rotary_error_monitor.description.stage import StageDescription, load_stage
 from rotary_error_monitor.description.stage_section import PARAMETERS, StageSection
 from rotary_error_monitor.description.wire import load_wire, markdown_table
@@ -92,8 +93,15 @@ def stages(draw: st.DrawFn) -> Any:
         sensor["zero"] = zeros if len(fields) > 1 else zeros[0]
         sensor["resolution"] = min(sensor["resolution"], 0.5 * sensor["range"])
     heads = section.get("encoder", {}).get("heads", {})
-    for number, head in enumerate(heads.values()):  # no two at one place
+    if heads:  # no two at one place, at a ring before which so many have room
+        ring = section["encoder"]
+        ring["disc_radius"] = max(ring["disc_radius"], HEAD_WIDTH / 2 / math.tan(0.1 * math.pi / len(heads)))
+    for number, head in enumerate(heads.values()):
         head["azimuth"] = 2 * math.pi / len(heads) * (number + draw(st.floats(0.0, 0.9)))
+    for number, sensor in enumerate(section.get("sensors", {}).values()):
+        if "radius" in sensor or "height" in sensor:
+            name = "radius" if "radius" in sensor else "height"
+            sensor[name] = 1.5 * number + draw(st.floats(0.0, 1.0))
     collimator = section.get("autocollimator", {})
     for axis, (cubic, zero) in enumerate(
         zip(collimator.get("cubic", ()), collimator.get("zero", (0, 0)), strict=False)

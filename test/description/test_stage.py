@@ -207,7 +207,7 @@ def test_the_order_in_the_file_is_not_that_of_the_bits(tmp_path):
     content = yaml.safe_load(config("stage.yaml").read_text(encoding="utf-8"))
     found = []
     for names in (("top", "nose"), ("nose", "top")):
-        content["stage"]["sensors"] = dict.fromkeys(names, PROBE)
+        content["stage"]["sensors"] = {name: PROBE | {"radius": 0.01 * len(name)} for name in names}
         path = tmp_path / "stage.yaml"
         path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
         found.append(tuple(load_stage(path).sensors))

@@ -90,7 +90,7 @@ def test_nothing_of_a_thermometer_is_uncertain_but_its_zero(tmp_path):
 
 def test_thermometers_take_no_place_in_masks(tmp_path):
     """A mask has place for 51 heads and probes: 13 heads and 38 probes fill it."""
-    sensors = {**{f"p{i}": PROBE for i in range(38)}, "bearing": OWN, "housing": OWN}
+    sensors = {**{f"p{i}": PROBE | {"radius": 0.01 * i} for i in range(38)}, "bearing": OWN, "housing": OWN}
     for heads in (13, 14):
         found = content(sensors)
         found["stage"]["encoder"]["heads"] = {f"h{i}": {"azimuth": 0.1 * i} for i in range(heads)}

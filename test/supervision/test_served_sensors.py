@@ -23,10 +23,13 @@ ESTIMATOR = "/**/error_estimator: {ros__parameters: {}}\n"
 RECORDER = "/**/recorder: {ros__parameters: {}}\n"
 
 
-def stage(folder: Path, sensors: Mapping[str, Mapping[str, Any]], name: str = "stage.yaml", **sections: object) -> Path:
+def stage(folder: Path, sensors: Mapping[str, dict[str, Any]], name: str = "stage.yaml", **sections: object) -> Path:
     """The embedded stage with these sensors; sections that are None are left out."""
     content = yaml.safe_load(config("stage.yaml").read_text(encoding="utf-8"))
-    content["stage"] |= {"sensors": dict(sensors), **sections}
+    apart = {
+        name: row | {"radius": 0.01 * k} if "radius" in row else row for k, (name, row) in enumerate(sensors.items())
+    }
+    content["stage"] |= {"sensors": apart, **sections}
     content["stage"] = {key: value for key, value in content["stage"].items() if value is not None}
     path = folder / name
     path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")

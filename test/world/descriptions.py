@@ -11,6 +11,7 @@ import numpy as np
 
 Stage = dict[str, Any]
 LIMITS = {"range": 0.1, "resolution": 0.001, "noise": 0.001}  # what a description may state, in rad
+HEAD_ROOM = 0.25  # rad, that a head of 5 mm takes at the smallest ring
 
 
 @dataclass(frozen=True)
@@ -91,10 +92,18 @@ def _azimuths(factor: float, offset: float) -> Callable[[Stage, np.random.Genera
 
 
 def _one_azimuth(stage: Stage, rng: np.random.Generator) -> None:
-    """One head is 30° off its place."""
-    heads = stage["encoder"]["heads"]
-    head = heads[str(rng.choice(sorted(heads)))]
-    head["azimuth"] = _within_turn(head["azimuth"] + float(rng.choice((-1.0, 1.0))) * np.pi / 6.0)
+    """One head is 30° off its place, where no other head stands: a description with two at one place is refused."""
+    azimuths = {name: head["azimuth"] for name, head in stage["encoder"]["heads"].items()}
+    drawn = str(rng.choice(sorted(azimuths))), float(rng.choice((-1.0, 1.0))) * np.pi / 6.0
+
+    def room(moved: tuple[str, float]) -> float:
+        name, by = moved
+        others = np.array([azimuth for other, azimuth in azimuths.items() if other != name])
+        return float(np.abs(np.angle(np.exp(1j * (azimuths[name] + by - others)))).min())
+
+    if room(drawn) < HEAD_ROOM:
+        drawn = max(((name, by) for name in sorted(azimuths) for by in (-np.pi / 6.0, np.pi / 6.0)), key=room)
+    stage["encoder"]["heads"][drawn[0]]["azimuth"] = _within_turn(azimuths[drawn[0]] + drawn[1])
 
 
 def _vector(section: str, key: str, matrix: tuple[float, ...]) -> Callable[[Stage, np.random.Generator], None]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -14,7 +15,15 @@ from rotary_error_monitor.description.sensor_section import ProbeSection
 class AxialProbe(ProbeSection):
     """Where the probe stands."""
 
+    or_else = ", or gains of unlike sign before two faces"
+
     azimuth: Annotated[Angle | None, Expected("angle of the probe about +z in rad")] = None
     radius: Annotated[
         float, Expected("distance of the place that it sees from the axis in m, 0 for on the axis", 0, 10)
     ]
+
+    @property
+    def body(self) -> tuple[float, float, float]:
+        """Before one side of the rotor, by the way that it counts: one may look from above and one from below."""
+        azimuth, side = self.azimuth or 0.0, math.copysign(1.0, self.gain or 1.0)
+        return (self.radius * math.cos(azimuth), self.radius * math.sin(azimuth), side)
