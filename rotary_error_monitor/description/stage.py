@@ -152,8 +152,12 @@ class StageDescription:
         return self.responses.get(stream, IDEAL)
 
     def timing(self, what: str) -> float:
-        """Standard uncertainty of the stamps of `what` (encoder: of its heads; command) against the others, s."""
-        return self.uncertainty.get(f"{what}.timing", TIMING)
+        """Standard uncertainty of the stamps of `what` (encoder: of its heads; command; sensors.top) against others, s.
+
+        Of a listed sensor it is that of its latency, 0 where the file states none, as all else of such a sensor.
+        """
+        name = f"{what}.timing"
+        return self.uncertainty.get(name, TIMING if name in TIMINGS else 0.0)
 
     @property
     def limits(self) -> StageLimits:

@@ -237,7 +237,7 @@ class StageSection(Section):
         Expected(
             "standard uncertainty of parameters by name, such as encoder.eccentricity: 5.0e-08 or sensors.top.gain: "
             "0.01; of stamps in s: encoder.timing (of heads against one another) and command.timing, 2.0e-06 each "
-            "unless stated"
+            "unless stated, and sensors.top.timing"
         ),
     ] = field(default_factory=dict)
     calibration: Annotated[
@@ -376,4 +376,4 @@ def _parameters(section: StageSection, part: str) -> tuple[str, ...]:
     if head != "sensors":
         return PARAMETERS.get(part, ())
     sensor = section.sensors.get(listed)
-    return () if sensor is None or sensor.is_input else ("gain", *listed_sensor(sensor).place)
+    return () if sensor is None or sensor.is_input else ("gain", *listed_sensor(sensor).place, "timing")

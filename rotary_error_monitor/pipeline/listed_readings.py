@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.description.listed_sensors import name_of
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.metrology.error_motion import (
     COMPONENTS,
@@ -20,7 +22,7 @@ from rotary_error_monitor.metrology.rigid_motion import LEAST_VARIANCE
 from rotary_error_monitor.pipeline.evidence import INDEX, SIGMAS
 from rotary_error_monitor.pipeline.verdict import DOUBTS
 from rotary_error_monitor.sensors.library import listed_fields, listed_sensitivity
-from rotary_error_monitor.signals.resampling import Resampled
+from rotary_error_monitor.signals.resampling import FEWEST_TO_FIT, GUARD, Resampled
 
 Array = NDArray[np.float64]
 
@@ -49,7 +51,7 @@ class ListedTicks:
         noise: (m, p) variance of a reading.
         systematic: (m, p) variance of what stays as it is from tick to tick.
         variance: (m, p) of the surplus, by noise of the sensor and of what is predicted.
-        others: (m, p) of the surplus by what other sensors have wrong beside their noise.
+        others: (m, p) of the surplus by what other sensors have wrong beside their noise, and by `late`.
         stamps: (m, p) standard deviation of that part of it which wanders: by stamps, and by the air before the
             autocollimator.
         unknown: (m, p) largest displacement by components that nothing else shows.
@@ -57,6 +59,7 @@ class ListedTicks:
         turned: (m, p) displacement by form that one standard deviation of the rotation makes, where the command alone
             tells it.
         tilt: (m, p) of `variance` the noise of the autocollimator, also by the lever of a probe: it comes at its rate.
+        late: (m, p) displacement that the sensor's reading goes through in one standard deviation of its own stamps.
     """
 
     theta: Array
@@ -77,6 +80,7 @@ class ListedTicks:
     rate: Array
     turned: Array
     tilt: Array
+    late: Array
 
     @property
     def bound(self) -> Array:
@@ -85,11 +89,12 @@ class ListedTicks:
 
     @property
     def common(self) -> Array:
-        """(m, p) variance of each reading by the rotation, m², as if each had a rotation of its own.
+        """(m, p) variance of each reading by the rotation and by its stamps, as if each had a rotation of its own.
 
-        One rotation is wrong for all p alike: its covariance matrix is at most p times its diagonal (Cauchy).
+        One rotation is wrong for all p alike: its covariance matrix is at most p times its diagonal (Cauchy). So are
+        the stamps of a sensor for all of its fields.
         """
-        return np.asarray(self.there.sum(axis=1, keepdims=True) * self.turned**2)
+        return np.asarray(self.there.sum(axis=1, keepdims=True) * self.turned**2 + self.late**2)
 
     def part(self, chosen: slice) -> ListedTicks:
         """The same of some of the ticks."""
@@ -113,8 +118,10 @@ class ListedReadings:
         stated: (p,) variance of zero and form as stated, m² or rad².
     """
 
-    def __init__(self, stage: StageDescription) -> None:
-        """Sensors of `stage`."""
+    def __init__(self, stage: StageDescription, period: float) -> None:
+        """Sensors of `stage`, at ticks that are `period` (s) apart."""
+        self._fitted = (1.0 - GUARD) * period
+        self._timing = [stage.timing(f"sensors.{name_of(f.stream, f.sensor)}") for f in listed_fields(stage)]
         self._spindle, self._commanded = stage.spindle, stage.encoder is None
         self.fields = listed_fields(stage)
         self.sensitivity = listed_sensitivity(self.fields)
@@ -137,6 +144,7 @@ class ListedReadings:
         evidence: Array,
         there: NDArray[np.bool_],
         sampled: Mapping[str, Resampled],
+        rates: Mapping[str, float],
     ) -> ListedTicks:
         """What the sensors show at m ticks.
 
@@ -145,11 +153,12 @@ class ListedReadings:
             evidence: (m, e) what the ticks say, columns as in `pipeline.evidence`.
             there: (m, p) which readings can be used.
             sampled: each stream at the ticks.
+            rates: samples per s of each stream.
         """
         described = described_error_motion(self._spindle, motion.theta)
         expected = np.where(motion.observable, motion.components, described)
         raw, reading, noise = self._read(motion.theta, sampled)
-        turned = self._turned(motion.theta, motion.lag)
+        turned, late = self._turned(motion.theta, motion.lag), self._late(sampled, rates)
         # the form of a target is taken off at the wrong place while the zero of the rotation may be another one
         elsewhere = np.where(motion.doubts & UNVERIFIED, 1.0, 0.0)
         seen_too, alone = motion.observable.astype(np.float64), np.where(motion.observable, 0.0, 1.0)
@@ -172,12 +181,13 @@ class ListedReadings:
             noise,
             self.stated + elsewhere[:, None] * self._forms,
             noise + noisy,
-            np.maximum(self._known(motion.covariance) - noisy, 0.0) + turned**2 + air,
-            np.sqrt(raised[:, None] * by_heads + air),
+            np.maximum(self._known(motion.covariance) - noisy, 0.0) + turned**2 + air + late**2,
+            np.sqrt(raised[:, None] * by_heads + air + late**2),
             _summed(alone, self._most),
             _summed(alone, self._rate),
             turned,
             np.maximum(by_tilt - air, 0.0),
+            late,
         )
 
     def _turned(self, theta: Array, lag: Array) -> Array:
@@ -188,6 +198,25 @@ class ListedReadings:
                 nothing = np.zeros((1, len(field.sensor.fields)))
                 there, ahead = (field.kind.displacement(field.sensor, nothing, at) for at in (theta, theta + TURNED))
                 total[:, column] = (ahead - there)[:, field.place] * (lag / TURNED)
+        return total
+
+    def _late(self, sampled: Mapping[str, Resampled], rates: Mapping[str, float]) -> Array:
+        """(m, p) displacement that readings go through in one standard deviation of their stamps.
+
+        All that a reading shows is late, what the target shows of itself as well as error motion: its rate of change is
+        that of the samples themselves.
+        """
+        total = np.zeros((len(next(iter(sampled.values())).gain), len(self.fields)))
+        for column, (field, timing) in enumerate(zip(self.fields, self._timing, strict=True)):
+            rate = rates.get(field.stream, 0.0)
+            if timing == 0.0 or rate == 0.0:
+                continue
+            seen = sampled[field.stream]
+            passed = np.full(len(seen.gain), 3.0 / rate)  # an interpolation takes four samples
+            if rate * self._fitted >= FEWEST_TO_FIT:
+                passed[seen.bend[:, field.place] == 0.0] = self._fitted - 1.0 / rate  # a fit those of its cell
+            alike = len(field.kind.fields)  # fields that are late together, see `ListedTicks.common`
+            total[:, column] = math.sqrt(alike) * timing * seen.travel[:, field.place] / passed / abs(field.sensor.gain)
         return total
 
     def _read(self, theta: Array, sampled: Mapping[str, Resampled]) -> tuple[Array, Array, Array]:

@@ -37,7 +37,7 @@ class ListedSensors:
     def __init__(self, stage: StageDescription, bits: Mapping[str, int], period_ns: int) -> None:
         """Sensors of `stage`, with the `bits` of its streams, at ticks that are `period_ns` apart."""
         self._grid, self._period = WindowGrid(period_ns), period_ns * 1e-9
-        self._readings = ListedReadings(stage)
+        self._readings = ListedReadings(stage, self._period)
         self.sensitivity = self._readings.sensitivity
         fields = self._readings.fields
         self._streams = [field.stream for field in fields]
@@ -95,7 +95,7 @@ class ListedSensors:
             evidence: (m, e) what the ticks say, columns as in `pipeline.evidence`.
         """
         there = (motion.streams[:, None] & self._bits != 0) & usable[:, None]
-        shown = self._readings.make(motion, evidence, there, sampled)
+        shown = self._readings.make(motion, evidence, there, sampled, rates)
         used, scale, conflict = self._assess(first, shown, rates)
         for place, said in decided.items():
             used[place], (scale[place], conflict[place]) = there[place], said
@@ -196,7 +196,7 @@ class ListedSensors:
         reading = shown.reading[:, chosen].sum(axis=0) / ticks
         # held against what is stated, also while more counts: it may cease to from one window to the next
         variance = shown.noise[:, chosen].sum(axis=0) / ticks / samples + self._readings.stated[chosen]
-        variance += (shown.turned[:, chosen] ** 2).max(axis=0)
+        variance += (shown.turned[:, chosen] ** 2 + shown.late[:, chosen] ** 2).max(axis=0)
         chi_square, freedom = disagreement(motion, Seen(self.sensitivity[chosen], reading[None], variance[None]))
         ratio = chi_square / freedom if freedom else 0.0
         self._conflicts.append(math.sqrt(ratio) if freedom and ratio > chi_square_bound(freedom) else 1.0)

@@ -10,7 +10,6 @@ from typing import Any
 
 from rotary_error_monitor.description.listed_sensors import name_of
 from rotary_error_monitor.description.stage import (
-    TIMINGS,
     AngularHarmonic,
     ListedSensor,
     PlanarHarmonic,
@@ -56,7 +55,8 @@ def uncertain_parameters(stage: StageDescription) -> tuple[UncertainParameter, .
     """
     found: list[UncertainParameter] = []
     for name, uncertainty in stage.uncertainty.items():
-        if uncertainty == 0.0 or name in TIMINGS:  # stamps are no number of the twin: effects of latency explain them
+        # stamps are no number of the twin: effects of latency explain them
+        if uncertainty == 0.0 or name.endswith(".timing"):
             continue
         found += (_of_listed if name.startswith("sensors.") else _of_section)(stage, name, uncertainty)
     found += _of_curves(stage)
