@@ -22,7 +22,7 @@ COMMANDS = {
     "correction",
     "up": "start the nodes that a parameter file names, and keep them running",
     "replay": "run estimator and compensation over a bag, without ROS",
-    "check": "say whether the description of a stage fits a recording of it",
+    "check": "say whether the description of a stage fits a recording of it, or what its sensors tell",
     "recover": "make the bag of a recorder that was killed readable again",
     "convert": "make a bag of third-party drivers' messages one that replay, analyse and diagnose read",
     "calibrate": "measurements to the machine file, and to the tables that controllers load",

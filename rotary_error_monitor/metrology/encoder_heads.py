@@ -11,11 +11,13 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.kernel import MOST_HEADS, PackedLayout, chosen_kernel
 
+Waves = NDArray[np.complex128]
 COMPONENTS = ("theta", "x", "y")
 LEAK = 2e-3
 """How much of another component may hide in an observable one: two heads count as opposed within 2 mrad."""
@@ -113,12 +115,11 @@ class HeadLayout:
 
     def graduation_view(self, orders: Sequence[int]) -> tuple[GraduationView, ...]:
         """How harmonics of the graduation appear: four equal heads take orders 4k for rotation, odd ones for motion."""
-        inverse = np.linalg.pinv(self.sensitivity, rcond=LEAK)
         views = []
         for order in orders:
             wave = np.exp(1j * order * np.array(self.azimuths))
-            part = inverse @ wave
-            seen = np.linalg.norm(wave - self.sensitivity @ part) / np.linalg.norm(wave)
+            part, left = explained(self.sensitivity, wave, LEAK)
+            seen = np.linalg.norm(left) / np.linalg.norm(wave)
             views.append(
                 GraduationView(order, float(abs(part[0])), float(np.abs(part[1:]).max()), float(np.round(seen, 12)))
             )
@@ -127,6 +128,15 @@ class HeadLayout:
     def hidden_orders(self, highest: int) -> tuple[int, ...]:
         """Orders of the graduation from 1 to `highest` that no disagreement of these heads can show."""
         return tuple(view.order for view in self.graduation_view(range(1, highest + 1)) if view.seen < LEAK)
+
+
+def explained(sensitivity: Array, waves: Waves, least: float) -> tuple[Waves, Waves]:
+    """Least-squares motion (c, q) that q sets of waves (p, q) look like to p sensors, and what of them is left, (p, q).
+
+    Singular values of the sensitivity (p, c) below `least` times the largest count as 0.
+    """
+    motion = np.linalg.pinv(sensitivity, rcond=least) @ waves
+    return motion, waves - sensitivity @ motion
 
 
 def seen_part(azimuths: Array, order: int) -> float:

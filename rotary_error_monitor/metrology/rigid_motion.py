@@ -13,7 +13,8 @@ from rotary_error_monitor.metrology.error_motion import COMPONENTS, ErrorMotion
 LEVER = 0.1
 """Length, m, by which angles are made comparable with displacements: the size of a stage."""
 
-_SCALE = np.array([1.0, 1.0, 1.0, LEVER, LEVER, LEVER])
+SCALE = np.array([1.0, 1.0, 1.0, LEVER, LEVER, LEVER])
+"""Of the components: what they are multiplied by to be displacements, m."""
 
 _SEEN = 1e-6
 """Part of a component's direction that may lie outside of what the sensors see: an Abbe arm of 0.1 µm."""
@@ -51,6 +52,12 @@ def observable_components(known: Mask, sensitivity: Array) -> Mask:
     return np.asarray(np.abs(outside).max(axis=1, initial=0.0) < _SEEN)
 
 
+def seen_directions(sensitivity: Array) -> Array:
+    """(6, r) orthonormal basis of what p sensors, of a sensitivity (p, 6), see of the components times `SCALE`."""
+    basis, _ = _determined(np.zeros(len(COMPONENTS), np.bool_), sensitivity)
+    return basis
+
+
 def redundant_sensors(known: Mask, sensitivity: Array, owner: NDArray[np.intp] | None = None) -> Mask:
     """(s,) whether all that a sensor sees is determined without it: a fault of it alone would show (Baarda 1968).
 
@@ -64,7 +71,7 @@ def redundant_sensors(known: Mask, sensitivity: Array, owner: NDArray[np.intp] |
     for number in range(int(owner.max(initial=-1)) + 1):
         own = owner == number
         _, outside = _determined(known, sensitivity[~own])
-        found.append(bool(np.abs((sensitivity[own] / _SCALE) @ outside).max(initial=0.0) < _SEEN))
+        found.append(bool(np.abs((sensitivity[own] / SCALE) @ outside).max(initial=0.0) < _SEEN))
     return np.array(found, np.bool_)
 
 
@@ -92,18 +99,18 @@ def _solved(motion: ErrorMotion, seen: Seen) -> ErrorMotion:
     count = len(motion.theta)
     information, vector = np.zeros((count, 6, 6)), np.zeros((count, 6))
     # one after another, and each time by itself: the bits of a time do not depend on how many there are
-    for place, row in enumerate(seen.sensitivity / _SCALE):
+    for place, row in enumerate(seen.sensitivity / SCALE):
         information += np.outer(row, row) / seen.variance[:, place, None, None]
         vector += row * (seen.displacement[:, place] / seen.variance[:, place])[:, None]
     if known.any():
-        at, scale = np.ix_(np.arange(count), known, known), _SCALE[known]
+        at, scale = np.ix_(np.arange(count), known, known), SCALE[known]
         least = LEAST_VARIANCE * np.eye(len(scale))
         inverse = np.linalg.inv(motion.covariance[at] * np.outer(scale, scale) + least)
         information[at] += inverse
         vector[:, known] += (inverse @ (motion.components[:, known] * scale)[:, :, None])[:, :, 0]
     covariance = basis @ np.linalg.inv(basis.T @ information @ basis) @ basis.T
-    components = (covariance @ vector[:, :, None])[:, :, 0] / _SCALE
-    covariance /= np.outer(_SCALE, _SCALE)
+    components = (covariance @ vector[:, :, None])[:, :, 0] / SCALE
+    covariance /= np.outer(SCALE, SCALE)
     observable = np.abs(outside).max(axis=1, initial=0.0) < _SEEN
     every = np.tile(observable, (count, 1))
     return replace(motion, components=components, observable=every, covariance=covariance)
@@ -141,7 +148,7 @@ def disagreements(motion: ErrorMotion, seen: Seen) -> tuple[Array, int]:
         apart = seen.displacement[time] - seen.sensitivity @ joined.components[time]
         found[time] = (apart**2 / seen.variance[time]).sum()
         if known.any():
-            scale = _SCALE[known]
+            scale = SCALE[known]
             moved = (joined.components[time, known] - motion.components[time, known]) * scale
             covariance = motion.covariance[time][np.ix_(known, known)] * np.outer(scale, scale)
             covariance += LEAST_VARIANCE * np.eye(len(scale))
@@ -151,7 +158,7 @@ def disagreements(motion: ErrorMotion, seen: Seen) -> tuple[Array, int]:
 
 def _determined(known: Mask, sensitivity: Array) -> tuple[Array, Array]:
     """(6, r) basis of the directions that are determined, (6, 6 - r) of the others, angles times `LEVER`."""
-    rows = np.vstack([np.eye(len(COMPONENTS))[known], sensitivity / _SCALE])
+    rows = np.vstack([np.eye(len(COMPONENTS))[known], sensitivity / SCALE])
     _, sizes, vectors = np.linalg.svd(rows, full_matrices=True)
     rank = int(np.count_nonzero(sizes > _SEEN))
     return vectors[:rank].T, vectors[rank:].T

@@ -59,6 +59,11 @@ class ListedKind(Sensor):
         """(n,) angle that the orders of the form are of, rad, at rotations (n,): the place on a target that turns."""
         return sensor.place.get("azimuth", 0.0) - theta
 
+    def surface(self, sensor: ListedSensor) -> str:
+        """What of the rotor it sees, in the same words for all that see the same; empty where nothing turns."""
+        place = [f"{name} {value:g}" for name, value in sorted(sensor.place.items()) if name != "azimuth"]
+        return " ".join([f"target of kind {self.kind}", *(["at", ", ".join(place)] if place else [])])
+
     def rows(self, sensor: ListedSensor) -> Array:
         """(fields, 6) sensitivity of each field."""
         return np.atleast_2d(self.sensitivity(sensor.place))

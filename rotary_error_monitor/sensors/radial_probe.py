@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from rotary_error_monitor.description.stage import ListedSensor
 from rotary_error_monitor.effects.rotor import Array
 from rotary_error_monitor.sensors.listed import ListedKind
 
@@ -20,3 +21,7 @@ class RadialProbe(ListedKind):
         """Radial error motion at the height along the azimuth (Lou et al. 2019, Equation 7 in components)."""
         cos, sin, height = np.cos(place["azimuth"]), np.sin(place["azimuth"]), place["height"]
         return np.array([cos, sin, 0.0, -height * sin, height * cos, 0.0])
+
+    def surface(self, sensor: ListedSensor) -> str:
+        """The artefact at a height."""
+        return f"artefact at height {sensor.place['height']:g} m"

@@ -10,6 +10,9 @@ from rotary_error_monitor.description.stage import AngularHarmonic, ListedSensor
 from rotary_error_monitor.effects.rotor import Array
 from rotary_error_monitor.sensors.listed import ListedKind
 
+MIRROR = "mirror"
+"""What autocollimator and tilt sensors see of the rotor."""
+
 
 class TiltSensor(ListedKind):
     """Tilt of a mirror about x and y, turned by the `roll` of the instrument as that of an autocollimator."""
@@ -34,3 +37,7 @@ class TiltSensor(ListedKind):
     def angle(self, sensor: ListedSensor, theta: Array) -> Array:
         """The rotation: all of a mirror turns before the instrument."""
         return theta
+
+    def surface(self, sensor: ListedSensor) -> str:
+        """The mirror: as if all looked at one, for a form of two mirrors shows better."""
+        return MIRROR
