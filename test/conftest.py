@@ -150,6 +150,8 @@ KINDS_FOUND = (
     topics._contract,
     topics._patterns,
     topics.samples_topic,
+    topics.samples_columns,
+    topics.columns_named,
     instruments.geometries,
 )
 """What a process finds out once of kinds of sensors and their topics."""

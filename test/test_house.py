@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Iterator
+from dataclasses import fields
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -12,6 +13,10 @@ from pathlib import Path
 import pytest
 
 import rotary_error_monitor
+from rotary_error_monitor.description.wire import TIME_COLUMN, load_wire
+from rotary_error_monitor.metrology.error_motion import COMPONENTS, ErrorMotion
+from rotary_error_monitor.pipeline.corrections import OFFSET
+from rotary_error_monitor.signals import blocks
 
 PACKAGE = Path(rotary_error_monitor.__file__).parent
 DOCUMENT = (Path(__file__).parents[1] / "doc" / "architecture.md").read_text(encoding="utf-8")
@@ -36,9 +41,14 @@ def modules() -> Iterator[tuple[str, Path]]:
 
 
 @cache
+def tree_of(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+@cache
 def imports(path: Path, typed: bool = True) -> set[str]:
     """Names that a file imports; `typed`: also those that only types need."""
-    found, tree = set(), ast.parse(path.read_text(encoding="utf-8"))
+    found, tree = set(), tree_of(path)
     only = [node for node in ast.walk(tree) if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"]
     left_out = set() if typed else {id(inner) for node in only for inner in ast.walk(node)}
     for node in ast.walk(tree):
@@ -126,7 +136,7 @@ ELSEWHERE = {"sources": "quadrature", "linuxcnc_controller": "mount"}
 
 
 def classes_of(kind: str) -> set[str]:
-    trees = [ast.parse(path.read_text(encoding="utf-8")) for path in (WITHIN / kind).rglob("*.py")]
+    trees = [tree_of(path) for path in (WITHIN / kind).rglob("*.py")]
     return {node.name for tree in trees for node in ast.walk(tree) if isinstance(node, ast.ClassDef)}
 
 
@@ -165,7 +175,7 @@ def test_a_kind_imports_the_core_and_no_other_kind():
 def test_what_an_effect_needs_is_a_field_of_its_class(room):
     """Nobody asks by a name in quotation marks, which no type check sees."""
     for name, path in modules():
-        calls = [node for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(node, ast.Call)]
+        calls = [node for node in ast.walk(tree_of(path)) if isinstance(node, ast.Call)]
         asked = [node for node in calls if isinstance(node.func, ast.Name) and node.func.id in ("getattr", "hasattr")]
         quoted = [node for node in asked if isinstance(node.args[1], ast.Constant)]
         assert name != room or not quoted, f"{path.relative_to(PACKAGE)}:{quoted[0].lineno}"
@@ -173,11 +183,71 @@ def test_what_an_effect_needs_is_a_field_of_its_class(room):
 
 def test_topic_names_stand_in_the_wire_contract_alone():
     for _, path in modules():
-        texts = [
-            node for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(node, ast.Constant)
-        ]
+        texts = [node for node in ast.walk(tree_of(path)) if isinstance(node, ast.Constant)]
         named = [node for node in texts if isinstance(node.value, str) and re.match(r"/(stage|machine)/", node.value)]
         assert not named, f"{path.relative_to(PACKAGE)}:{named[0].lineno} names {named[0].value}"
+
+
+CONTRACT = ("sensors", "description/wire.py")
+"""Where names of columns may stand beside `msg_defs/`."""
+
+COLUMNS = {topic.key: {TIME_COLUMN, *topic.columns} for topic in load_wire(None, sensors=()) if topic.is_sample_block}
+ANY_COLUMN = set().union(*COLUMNS.values())
+STATE = {*OFFSET, *(each.name for each in fields(ErrorMotion)), *COMPONENTS}
+"""Names that the numbers themselves have, in code as on the wire."""
+
+
+def fields_named(node: ast.AST) -> set[str]:
+    """Columns of one topic that code names: as a collection of nothing else, or to a block or a topic."""
+    named: set[str] = set()
+    if isinstance(node, ast.Tuple | ast.List | ast.Set):
+        named = texts_of(*(each for each in node.elts if not isinstance(each, ast.Starred)))
+        of_one = named <= ANY_COLUMN and any(named <= columns for columns in COLUMNS.values())
+        return named if of_one and not named <= STATE else set()
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr in ("column", "field"):
+        named = texts_of(*node.args)
+    if isinstance(node, ast.Compare) and isinstance(node.ops[0], ast.In | ast.NotIn):
+        named = texts_of(node.left) if ast.unparse(node.comparators[0]).endswith((".names", ".columns")) else set()
+    return named & ANY_COLUMN
+
+
+def texts_of(*nodes: ast.expr) -> set[str]:
+    """The texts that these are; what stands for any other expression is no name of a column."""
+    return {node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else "" for node in nodes}
+
+
+def test_names_of_columns_stand_in_the_wire_contract_and_the_sensors_alone():
+    """Everywhere else they are asked for by what they are of."""
+    named = []
+    for room, path in modules():
+        if room in CONTRACT or str(path.relative_to(PACKAGE)) in CONTRACT:
+            continue
+        tree = tree_of(path)
+        # A section of a file tells places in it, which may be called like a column.
+        places = {id(part) for node in ast.walk(tree) if isinstance(node, ast.Yield) for part in ast.walk(node)}
+        for node in ast.walk(tree):
+            if id(node) not in places and (found := fields_named(node)):
+                named.append(f"{path.relative_to(PACKAGE)}:{node.lineno} names {sorted(found)}")
+    assert named == []
+    assert TIME_COLUMN == blocks.TIME_COLUMN
+
+
+@pytest.mark.parametrize(
+    ("code", "is_named"),
+    [
+        ('("angle",)', True),
+        ('["velocity", "angle"]', True),
+        ('(*OFFSET, "joint_age")', True),
+        ('block.column("force_x")', True),
+        ('"doubts" in block.names', True),
+        ('("temperature", "time")', False),
+        ('("theta", "exc", "eyc")', False),
+        ('(angle, "velocity")', False),
+        ('Parameter("angle", "rad")', False),
+    ],
+)
+def test_a_name_of_a_column_is_told_from_other_words(code, is_named):
+    assert any(map(fields_named, ast.walk(ast.parse(code)))) == is_named
 
 
 def below(path: Path) -> set[Path]:

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.description.table_files import COLUMNS, FLATNESS, GRADUATION
 from rotary_error_monitor.metrology.mirror_assembly import MirrorAssembly
 from rotary_error_monitor.metrology.periodic_curves import TO_A_WAVE, interpolation_bound
 from rotary_error_monitor.metrology.ring_assembly import RingAssembly
@@ -56,7 +57,7 @@ class MeasuredCurve:
     @property
     def columns(self) -> tuple[str, ...]:
         """Names of the columns of values, without their units."""
-        return ("graduation",) if self.values.shape[1] == 1 else ("tilt_x", "tilt_y")
+        return tuple(COLUMNS[GRADUATION if self.values.shape[1] == 1 else FLATNESS])
 
     def file_name(self, stem: str) -> str:
         """Of its file beside a stage file of that stem."""

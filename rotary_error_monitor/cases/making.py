@@ -37,7 +37,7 @@ from rotary_error_monitor.plant.machine import MachinePlant, Poses
 from rotary_error_monitor.plant.motion import Motion, random_motion, reversing_motion
 from rotary_error_monitor.plant.noise import Noise
 from rotary_error_monitor.plant.noise_forms import NoiseForm, draw_noise
-from rotary_error_monitor.plant.stage import FIELDS, HEAD, Fault, StagePlant
+from rotary_error_monitor.plant.stage import HEAD, STREAMS, Fault, StagePlant
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock, block_from_samples
 
 EPOCH_NS = 1_763_700_000 * NANOSECONDS
@@ -173,7 +173,7 @@ def _plain_stage(
     motion: Motion | None,
 ) -> StagePlant:
     """The stage of a case without its faults: as the twin says, but for the uncertainty of a shop floor's."""
-    sensors = set(FIELDS)
+    sensors = set(STREAMS)
     if rough:
         sensors -= (
             {"lvdt"} if draw.random() < 0.3 and not any(n.startswith(("lvdt", "probe")) for n in names) else set()

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.errors import InputError, excerpt
-from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
+from rotary_error_monitor.signals.blocks import NANOSECONDS, TIME_COLUMN, SampleBlock
 
 CDR_LITTLE_ENDIAN = b"\x00\x01"
 BODY = 4
@@ -195,7 +195,7 @@ def _parse(data: bytes) -> _Layout:
     packed = [(_FLOAT64 * index, _FLOAT64, 1) for index in range(len(fields))]
     if (
         not fields
-        or fields[0][0] != "t"
+        or fields[0][0] != TIME_COLUMN
         or [row[1:] for row in fields] != packed
         or point_step != _FLOAT64 * len(fields)
     ):

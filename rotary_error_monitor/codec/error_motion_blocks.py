@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import fields
 from functools import cache
+from itertools import combinations_with_replacement
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,20 +18,27 @@ _FIRST, _LAST = len(COMPONENTS), len(COMPONENTS) * (len(COMPONENTS) + 1)
 """Places of the covariances among all numbers of a time, which are these in their order:"""
 
 _BESIDE = tuple(each.name for each in fields(ErrorMotion))[5:]
+_DOUBTS = _BESIDE[1]
+
+
+def _covariance(row: str, column: str) -> str:
+    """Name of the covariance of two components, of one with itself that of its variance."""
+    return f"var_{row}" if row == column else f"cov_{'_'.join(sorted((row, column), key=COMPONENTS.index))}"
+
+
 _NAMES = (
     *COMPONENTS,
-    *(
-        f"var_{row}" if row == column else f"cov_{'_'.join(sorted((row, column), key=COMPONENTS.index))}"
-        for row in COMPONENTS
-        for column in COMPONENTS
-    ),
+    *(_covariance(row, column) for row in COMPONENTS for column in COMPONENTS),
     *("theta", "observable", *_BESIDE),
 )
+_SEEN_TOGETHER = (("exc", "eyc", "ecc"), ("eac",), ("ebc",))
+"""Components that heads and autocollimator show; others are correlated where a stage lists sensors."""
+
 _ALWAYS = (
     *("theta", *COMPONENTS, "observable", "streams"),
-    *("var_exc", "var_eyc", "cov_exc_eyc", "var_eac", "var_ebc", "var_ecc", "cov_exc_ecc", "cov_eyc_ecc"),
+    *(_covariance(*pair) for part in _SEEN_TOGETHER for pair in combinations_with_replacement(part, 2)),
 )
-"""Columns that each stage has; other covariances come of listed sensors."""
+"""Columns that each stage has, since the first version."""
 
 
 def block_from_error_motion(motion: ErrorMotion, columns: Sequence[str]) -> SampleBlock:
@@ -67,6 +75,11 @@ def error_motion_from_block(block: SampleBlock) -> ErrorMotion:
         doubts.astype(np.int64),
         *beside,
     )
+
+
+def tells_doubts(block: SampleBlock) -> bool:
+    """Whether a block of error motion says what was doubted, which one of an earlier version does not."""
+    return _DOUBTS in block.names
 
 
 @cache

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
+from rotary_error_monitor.description.sections import read
 from rotary_error_monitor.description.wire_section import WireSection
+from rotary_error_monitor.description.yaml_files import MOST_BYTES, parse_yaml
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.files import read_text
 from rotary_error_monitor.plugins import load_plugin, origin_of, plugins_of
 from rotary_error_monitor.resources import share
 
@@ -19,6 +23,34 @@ LISTED = "listed_sensor"
 
 _LISTENERS = {"error_estimator", "gap_monitor", "recorder"}
 """Nodes that take the samples of any listed sensor."""
+
+
+def definitions(folder: Path | None = None) -> Iterator[tuple[Path, WireSection]]:
+    """What each file of a folder says; without a folder those of the package, and those of others.
+
+    Raises:
+        InputError: there is none, it breaks the schema, or one of others defines what it may not.
+    """
+    for path in own_files(folder):
+        yield path, _definition(path)
+    for path in plugged_files() if folder is None else ():
+        section = _definition(path)
+        check_plugged(section, path)
+        yield path, section
+
+
+@cache
+def own_columns(kind: str) -> tuple[str, ...]:
+    """Columns after `t` of the samples of a kind of listed sensor that the package has itself.
+
+    Raises:
+        InputError: a file breaks the schema, or the package has no such kind.
+    """
+    frame = f"{kind}_{SENSOR}"
+    for topic in (topic for path in own_files() for topic in _definition(path).topics.values()):
+        if topic.is_sample_block and topic.frame == frame:
+            return tuple(column.name for column in topic.columns)
+    raise InputError(f"the package's wire contract has no samples of frame {frame}")
 
 
 def own_files(folder: Path | None = None) -> tuple[Path, ...]:
@@ -74,3 +106,13 @@ def check_plugged(section: WireSection, path: Path) -> None:
                 )
     if section.services:
         raise InputError(f"{path}: defines services; expected topics of a kind of listed sensor alone")
+
+
+def _definition(path: Path) -> WireSection:
+    return _section(read_text(path, "a YAML file", MOST_BYTES), str(path))
+
+
+@cache
+def _section(text: str, origin: str) -> WireSection:
+    """The definitions of a text, which are read once however many stages there are."""
+    return read(WireSection, parse_yaml(text, origin), what="wire")

@@ -49,7 +49,7 @@ class ListedSensor:
     gain: float = 1.0
     place: Mapping[str, float] = field(default_factory=dict)
     form: tuple[AngularHarmonic | PlanarHarmonic, ...] = ()
-    fields: tuple[str, ...] = SensorSection.fields
+    fields: tuple[str, ...] = field(default_factory=SensorSection.sample_fields)
     unit: str = SensorSection.unit
 
     @property
@@ -125,7 +125,7 @@ def quantity(kind: str) -> tuple[tuple[str, ...], str]:
             f"no file of sensor_kinds/ and no entry point of '{ENTRY_POINTS}' is of sensor kind '{kind}'; "
             f"there are {', '.join(sensor_kinds())}"
         )
-    return found.fields, found.unit
+    return found.sample_fields(), found.unit
 
 
 def kind_of_stream(stream: str) -> str | None:
@@ -149,9 +149,10 @@ def listed_sensor(row: SensorSection) -> ListedSensor:
     found, common = stated(row), {each.name for each in entries(ListedSensor)}
     place = {name: value for name, value in found.items() if name not in (*common, _ELSEWHERE)}
     own = {name: value for name, value in found.items() if name in common}
-    if len(row.fields) > 1:  # a file states one for each
-        own.setdefault("zero", (0.0,) * len(row.fields))
-    return ListedSensor(**own, place=place, fields=row.fields, unit=row.unit)
+    fields = row.sample_fields()
+    if len(fields) > 1:  # a file states one for each
+        own.setdefault("zero", (0.0,) * len(fields))
+    return ListedSensor(**own, place=place, fields=fields, unit=row.unit)
 
 
 def _parts(row: AngularHarmonic | PlanarHarmonic) -> tuple[AngularHarmonic, ...]:

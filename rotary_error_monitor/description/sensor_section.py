@@ -13,6 +13,7 @@ from types import MappingProxyType
 from typing import Annotated, Any, ClassVar
 
 import rotary_error_monitor.description.sensor_kinds as folder
+from rotary_error_monitor.description.definition_files import own_columns
 from rotary_error_monitor.description.expected import Expected
 from rotary_error_monitor.description.harmonics import Waves
 from rotary_error_monitor.description.quantities import Latency, Noise, Range, Reading, Resolution
@@ -39,6 +40,9 @@ POSE_UNITS = ("m", "rad")
 """Units of what shows how the rotor stands."""
 
 _OWN_UNITS = {READ_HEAD: "rad", "autocollimator": "rad", "lvdt": "m", "command": "rad"}
+
+_PROBE = "axial_probe"
+"""Kind whose samples are like those of any displacement probe."""
 
 SHAFT_FORCE = "force on the shaft"
 PLACE_TEMPERATURE = "temperature of a place"
@@ -75,7 +79,7 @@ class SensorSection(Section):
     What may be left out is None: its default is that of `ListedSensor` and `Response`.
 
     Attributes:
-        fields: of a sample.
+        fields: of a sample; without any it has that of displacement probes.
         unit: SI unit of the fields, or °C.
         is_input: whether the kind measures what acts on the stage, and nothing of how the rotor stands.
         is_slow: whether it samples about once a second, as thermometers do.
@@ -85,7 +89,7 @@ class SensorSection(Section):
         kind: of sensor: name of its file in `sensor_kinds/`, or of the entry point of another package.
     """
 
-    fields: ClassVar[tuple[str, ...]] = ("displacement",)
+    fields: ClassVar[tuple[str, ...]] = ()
     unit: ClassVar[str] = "m"
     is_input: ClassVar[bool] = False
     is_slow: ClassVar[bool] = False
@@ -110,6 +114,11 @@ class SensorSection(Section):
     def __init_subclass__(cls) -> None:
         """Call a kind by its file."""
         cls.names_as = f"of kind {cls.__module__.rpartition('.')[2]}:"
+
+    @classmethod
+    def sample_fields(cls) -> tuple[str, ...]:
+        """Fields of a sample: its own, or that of displacement probes."""
+        return cls.fields or own_columns(_PROBE)
 
     @classmethod
     def arranged(cls, content: Mapping[str, Any]) -> tuple[Mapping[str, Any], Mapping[Place, Place]]:

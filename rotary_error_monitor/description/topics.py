@@ -1,4 +1,4 @@
-"""Names of topics as the wire contract has them, by key or by the stream that their sample blocks carry."""
+"""Names of topics and columns as the wire contract has them, by key or by the stream that their blocks carry."""
 
 from __future__ import annotations
 
@@ -31,15 +31,45 @@ def samples_topic(stream: str) -> str:
     Raises:
         InputError: the contract has none.
     """
-    names = {topic.frame: topic.name for topic in _contract() if topic.is_sample_block}
-    if stream in names:
-        return names[stream]
-    for frame, name in names.items():
+    topic, several, own = _samples(stream)
+    return topic.name.replace(several, own) if several else topic.name
+
+
+@cache
+def samples_columns(stream: str) -> tuple[str, ...]:
+    """Columns after `t` of the samples of a stream, in the order of the contract; the stream as of `samples_topic`.
+
+    Raises:
+        InputError: the contract has none.
+    """
+    return _samples(stream)[0].columns
+
+
+@cache
+def columns_named(key: str) -> tuple[str, ...]:
+    """Columns after `t` of the topic with that key, as of a stage that lists sensors.
+
+    Raises:
+        InputError: the contract has no such key.
+    """
+    return _contract().topic(key).columns
+
+
+def _samples(stream: str) -> tuple[Topic, str, str]:
+    """Topic of the samples of a stream as in a table; where it is one of several its mark, and what that stands for.
+
+    Raises:
+        InputError: the contract has none.
+    """
+    topics = {topic.frame: topic for topic in _contract() if topic.is_sample_block}
+    if stream in topics:
+        return topics[stream], "", ""
+    for frame, topic in topics.items():
         for several in (HEAD, SENSOR):
             beginning, found, _ = frame.partition(several)
             if found and stream.startswith(beginning):
-                return name.replace(several, stream.removeprefix(beginning))
-    raise InputError(f"the wire contract has no samples of '{stream}'; it has those of {', '.join(sorted(names))}")
+                return topic, several, stream.removeprefix(beginning)
+    raise InputError(f"the wire contract has no samples of '{stream}'; it has those of {', '.join(sorted(topics))}")
 
 
 def stream_of(name: str) -> str | None:

@@ -5,22 +5,19 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from pathlib import Path
 
 from rotary_error_monitor.description.definition_files import SENSOR as SENSOR
-from rotary_error_monitor.description.definition_files import check_plugged, own_files, plugged_files
+from rotary_error_monitor.description.definition_files import definitions
 from rotary_error_monitor.description.listed_sensors import kind_of_stream, pose_streams, quantity
-from rotary_error_monitor.description.sections import extended, read
+from rotary_error_monitor.description.sections import extended
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.wire_section import SAMPLE_BLOCK as SAMPLE_BLOCK
-from rotary_error_monitor.description.wire_section import Channel, WireSection
+from rotary_error_monitor.description.wire_section import Channel
 from rotary_error_monitor.description.wire_section import Field as Field
 from rotary_error_monitor.description.wire_section import Qos as Qos
 from rotary_error_monitor.description.wire_section import Service as Service
-from rotary_error_monitor.description.yaml_files import MOST_BYTES, parse_yaml
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.files import read_text
 
 HEAD = "{head}"
 TIME_COLUMN = "t"
@@ -120,6 +117,11 @@ class Wire:
             raise InputError(f"the wire contract has no topic '{name}'; it has {', '.join(self.names)}")
         return found
 
+    @property
+    def used_streams(self) -> Field:
+        """Column of an estimate with the mask of the streams that it used."""
+        return self.topic("error_motion_samples").field("streams")
+
     def within(self, namespace: str) -> Wire:
         """The contract of a cell in a namespace, such as `/left`; what all machines share stays where it is."""
         prefix = namespace.rstrip("/")
@@ -163,7 +165,7 @@ def load_wire(
     if heads is not None and len(set(heads)) != len(heads):
         raise InputError(f"heads {list(heads)}: one stands twice; name each head once")
     templates: dict[str, tuple[Topic, Path]] = {}
-    for path, section in _definitions(folder):
+    for path, section in definitions(folder):
         for key, topic in section.topics.items():
             if key in templates:
                 raise InputError(f"{path}: topic '{key}' is already defined in {templates[key][1].name}; keep one")
@@ -191,7 +193,7 @@ def load_services() -> tuple[Service, ...]:
     """
     found: dict[str, Service] = {}
     answered: set[tuple[str, str]] = set()
-    for path, section in _definitions(None):
+    for path, section in definitions(None):
         for key, service in section.services.items():
             again = {(node, service.name) for node in service.servers} & answered
             if key in found or again:
@@ -230,20 +232,6 @@ def _unit(field: Field) -> str:
     return f"{unit} (with listed sensors)" if field.of_sensors else unit
 
 
-def _definitions(folder: Path | None) -> Iterator[tuple[Path, WireSection]]:
-    """What each file of a folder says; without a folder those of the package, and those of others."""
-    for path in own_files(folder):
-        yield path, _definition(path)
-    for path in plugged_files() if folder is None else ():
-        section = _definition(path)
-        check_plugged(section, path)
-        yield path, section
-
-
-def _definition(path: Path) -> WireSection:
-    return _section(read_text(path, "a YAML file", MOST_BYTES), str(path))
-
-
 def _check_sensor(stream: str, topics: Sequence[Topic]) -> None:
     """Hold the topics of a listed sensor against its kind: what files of one package say together, two may not.
 
@@ -267,12 +255,6 @@ def _check_sensor(stream: str, topics: Sequence[Topic]) -> None:
             f"the wire contract has {told} for {samples[0].name}; the section of kind '{kind}' states "
             f"{', '.join(fields)} in {unit}"
         )
-
-
-@cache
-def _section(text: str, origin: str) -> WireSection:
-    """The definitions of a text, which are read once however many stages there are."""
-    return read(WireSection, parse_yaml(text, origin), what="wire")
 
 
 def _expand(template: Topic, heads: Sequence[str], sensors: Sequence[str]) -> Iterator[Topic]:

@@ -73,7 +73,7 @@ class StageFollower(ManagedNode):
     def _follow(self, block: SampleBlock) -> None:
         if self.listening.is_shared(self._topic.name):
             raise InputError(self.listening.publishers_of(self._topic.name))
-        rows = block.columns(["angle", "velocity"]).tolist()
+        rows = block.columns(self._topic.columns).tolist()
         for stamp_ns, (angle, velocity) in zip(block.times_ns.tolist(), rows, strict=True):
             self._stage.command(stamp_ns, angle, velocity)
         self._watch.observe(block, self.now_ns())

@@ -265,7 +265,7 @@ def estimate(
     )
     replay = replay_bag(path, described, None if machine is None else load_machine(machine), settings, naming=naming)
     check_estimated(replay, path, described)
-    streams = wire_of(described).topic("error_motion_samples").field("streams")
+    streams = wire_of(described).used_streams
     used = {name: replay.motion.streams & streams.mask([name]) != 0 for name in streams.bits}
     doubts = {name: replay.motion.doubts >> bit & 1 != 0 for bit, name in enumerate(DOUBTS)}
     return sealed(Estimate(path, replay, ReadOnly(used), ReadOnly(doubts)))

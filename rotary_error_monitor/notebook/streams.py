@@ -133,7 +133,7 @@ def _stream(name: str, topic: str, contents: Sequence[Content]) -> RecordedStrea
     """
     place = place_of(topic)
     assert place is not None
-    blocks = [content if isinstance(content, SampleBlock) else _block_of(content) for content in contents]
+    blocks = [content if isinstance(content, SampleBlock) else _block_of(content, place.topic) for content in contents]
     fields = blocks[0].names[1:] if blocks else ()
     joined: Stream = join_blocks([_ordered(block, fields) for block in blocks], fields)
     times, values = sealed((joined.times_ns, joined.values))
@@ -142,14 +142,14 @@ def _stream(name: str, topic: str, contents: Sequence[Content]) -> RecordedStrea
     return RecordedStream(name, topic, fields, units, times, values, is_raw, joined.lost, joined.disordered)
 
 
-def _block_of(content: Content) -> SampleBlock:
-    """The message as a block of one sample."""
+def _block_of(content: Content, topic: Topic) -> SampleBlock:
+    """The message of a topic as a block of one sample."""
     if isinstance(content, JointState):
         names, row = content.names, content.position
     elif isinstance(content, PointStamped):
         names, row = _POINT, content.point
     elif isinstance(content, Temperature):
-        names, row = ("temperature",), np.array([content.temperature])
+        names, row = (topic.fields[0].name,), np.array([content.temperature])
     else:
         raise InputError(f"a {type(content).__name__} is no sample of a stream")
     return block_from_samples(np.array([content.stamp_ns]), names, np.asarray(row, np.float64)[None, :])

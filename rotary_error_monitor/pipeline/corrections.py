@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rotary_error_monitor.arrays import differences
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.description.stage_limits import StageLimits
+from rotary_error_monitor.description.topics import columns_named
 from rotary_error_monitor.machine.correction import SolvedCorrections, remaining_offset, solve_axis_corrections
 from rotary_error_monitor.machine.kinematics import arrange_machine
 from rotary_error_monitor.machine.limits import (
@@ -28,8 +29,10 @@ from rotary_error_monitor.pipeline.poses import TimedPoses
 from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
 
 OFFSET = ("x", "y", "z", "a", "b", "c")
-COLUMNS = (*OFFSET, "joint_age", "directions", "temperature")
-"""Columns of a block of tool offsets after `t`; the last three say what it was computed from."""
+"""Components of a tool offset, by which its columns are called."""
+
+_SAMPLES = "tool_offset_samples"
+"""Key of the offsets in the wire contract."""
 
 FEW_POSES = 32
 """Poses up to which correcting all costs hardly more than correcting one."""
@@ -178,10 +181,11 @@ class CorrectionMaker:
     @staticmethod
     def _block(poses: TimedPoses, offset: NDArray[np.float64]) -> SampleBlock:
         """Offsets (n, 6), and what they rest on."""
-        rows = np.empty((len(offset), len(COLUMNS)))
+        columns = columns_named(_SAMPLES)
+        rows = np.empty((len(offset), len(columns)))
         rows[:, :6], rows[:, 6] = offset, poses.age
         rows[:, 7], rows[:, 8] = pack_directions(poses.directions), poses.temperature
-        return block_from_samples(poses.stamps, COLUMNS, rows)
+        return block_from_samples(poses.stamps, columns, rows)
 
     def _solve(
         self, poses: TimedPoses, chosen: NDArray[np.int64]

@@ -62,6 +62,8 @@ class Means(NamedTuple, Generic[Number]):
 
 COLUMNS = Means._fields
 INDEX = {name: place for place, name in enumerate(COLUMNS)}
+TILT = INDEX["tilt_x"], INDEX["tilt_y"]
+"""Columns of the tilt of the mirror."""
 _PLACES = {name.removesuffix("_x"): at for name, at in INDEX.items() if name.endswith("_x")}
 
 ALWAYS = 1.0 - 1e-9

@@ -18,7 +18,7 @@ from rotary_error_monitor.metrology.agreement import chi_square_bound
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.metrology.periodic_curves import curve_in_radial
 from rotary_error_monitor.metrology.responses import distortion_variance
-from rotary_error_monitor.pipeline.evidence import EVERYWHERE, INDEX, SIGMAS, WINDOW_NS
+from rotary_error_monitor.pipeline.evidence import EVERYWHERE, INDEX, SIGMAS, TILT, WINDOW_NS
 from rotary_error_monitor.pipeline.kernel import Stated, chosen_kernel
 from rotary_error_monitor.pipeline.ring_belief import ABSENT
 from rotary_error_monitor.pipeline.ticks import AUTOCOLLIMATOR, COMMAND
@@ -165,7 +165,7 @@ class Publication:
         kernel, streams = chosen_kernel(), np.array(streams)
         publish = None
         if kernel is not None:
-            distorted = self._assembly.by_distortion(*(evidence[:, INDEX[name]] for name in ("tilt_x", "tilt_y")))
+            distorted = self._assembly.by_distortion(*(evidence[:, place] for place in TILT))
             inputs = (evidence, disagreement, _bounds(int(redundancy.max(initial=0))), distorted, redundancy)
             publish = kernel.publish(self._stated, motion, inputs, (believed.reals, believed.integers), streams)
         if publish is None:

@@ -7,14 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.description.topics import columns_named
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.error_motion import ErrorMotion, radial_covariance_at, radial_error_motion_at
 from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
 
 Array = NDArray[np.float64]
-
-COLUMNS = ("height", "radial_x", "radial_y", "observable", "var_x", "var_y", "cov_xy")
-"""Columns of a block after `t`; each tick has a row for each height, in the order in which they were given."""
 
 HIGHEST = 10.0
 """Height above the ring, m, that no stage is larger than."""
@@ -38,9 +36,11 @@ def radial_block(motion: ErrorMotion, heights: Sequence[float]) -> SampleBlock:
         heights: above the ring, m.
 
     Returns:
-        Block of m times as many rows as there are heights, columns `COLUMNS`; zero where not observable.
+        Block with a row for each height at each tick, in the order in which the heights were given; of the columns
+        of the wire contract, zero where not observable.
     """
-    parts = np.zeros((len(motion.times_ns), len(heights), len(COLUMNS)))
+    columns = _columns()
+    parts = np.zeros((len(motion.times_ns), len(heights), len(columns)))
     for place, height in enumerate(heights):
         seen = is_observable_at(motion.observable, height)
         covariance = radial_covariance_at(motion.covariance, height)
@@ -48,8 +48,13 @@ def radial_block(motion: ErrorMotion, heights: Sequence[float]) -> SampleBlock:
         parts[seen, place, 1:3] = radial_error_motion_at(motion.components[seen], height)
         for column, (i, j) in enumerate(((0, 0), (1, 1), (0, 1)), start=4):
             parts[seen, place, column] = covariance[seen, i, j]
-    rows = parts.reshape(-1, len(COLUMNS))
-    return block_from_samples(np.repeat(motion.times_ns, len(heights)), COLUMNS, rows)
+    rows = parts.reshape(-1, len(columns))
+    return block_from_samples(np.repeat(motion.times_ns, len(heights)), columns, rows)
+
+
+def _columns() -> tuple[str, ...]:
+    """Height, radial error motion (x, y), whether it is observable, its variances (x, y) and its covariance."""
+    return columns_named("error_motion_heights_samples")
 
 
 def is_observable_at(observable: NDArray[np.bool_], height: float) -> NDArray[np.bool_]:
@@ -63,10 +68,9 @@ def figures_of(block: SampleBlock) -> tuple[tuple[str, ...], Array, Array]:
 
     Names are such as `radial_x_at_60mm`; what is not observable is NaN.
     """
-    latest = block.rows[block.column("t") == block.column("t")[-1]]
-    row = dict(zip(block.names, latest.T, strict=True))
-    names = [f"radial_{axis}_at_{height * 1e3:g}mm".replace("-", "minus_") for height in row["height"] for axis in "xy"]
-    seen = np.repeat(row["observable"] == 1.0, 2)
-    values = np.stack([row["radial_x"], row["radial_y"]], axis=1).ravel()
-    stds = np.sqrt(np.stack([row["var_x"], row["var_y"]], axis=1)).ravel()
+    time = block.rows[:, 0]
+    latest = block.columns(_columns())[time == time[-1]]
+    names = [f"radial_{axis}_at_{height * 1e3:g}mm".replace("-", "minus_") for height in latest[:, 0] for axis in "xy"]
+    seen = np.repeat(latest[:, 3] == 1.0, 2)
+    values, stds = latest[:, 1:3].ravel(), np.sqrt(latest[:, 4:6]).ravel()
     return tuple(names), np.where(seen, values * 1e6, np.nan), np.where(seen, stds * 1e6, np.nan)

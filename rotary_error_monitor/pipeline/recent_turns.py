@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.description.topics import samples_columns
+from rotary_error_monitor.sensors.library import COMMAND
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock, block_from_samples
-
-_MOTION = ("angle", "velocity")
 
 _SLACK = 1.0
 """Rotation, rad, beyond what the commanded speed allows, from which a step is no motion but a new count."""
@@ -114,7 +114,7 @@ class RecentTurns:
 
         Args:
             streams: columns to keep by stream.
-            command: the stream by whose columns `angle` and `velocity` turns are counted.
+            command: the stream by whose angle and speed turns are counted.
             turns: of the stage.
             shortest: time, s, that is kept at least however fast the stage turns.
             longest: time, s, that is kept at most.
@@ -199,7 +199,7 @@ class RecentTurns:
     def _travel(self, times: NDArray[np.int64], values: NDArray[np.float64]) -> float:
         """Way, rad, from the last sample of the command through the next ones; a new count forgets all before it."""
         memory = self._memories[self._command]
-        motion = [memory.names.index(name) for name in _MOTION]
+        motion = [memory.names.index(name) for name in samples_columns(COMMAND)]
         angle, velocity = values[:, motion].T
         within = float(np.abs(np.diff(angle)).sum())
         if not memory.pieces:

@@ -1,4 +1,4 @@
-"""When each stream of the true stage samples, and which fields a sample has."""
+"""Which streams the true stage has, when each samples, and which fields a sample has."""
 
 from __future__ import annotations
 
@@ -9,17 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.description.listed_sensors import ListedSensor
+from rotary_error_monitor.description.topics import samples_columns
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 
-FIELDS = {
-    "autocollimator": ("tilt_x", "tilt_y"),
-    "lvdt": ("radial_x", "radial_y"),
-    "command": ("angle", "velocity"),
-    "force": ("force_x", "force_y"),
-    "temperature": ("temperature",),
-}
-HEAD_FIELDS = ("angle",)
+STREAMS = ("autocollimator", "lvdt", "command", "force", "temperature")
+"""Those that are neither of a head nor of a listed sensor."""
+
 HEAD = "head_"
 
 LISTED_RATE = 1000.0
@@ -34,9 +30,7 @@ FORCE_RATE = 100.0
 
 def fields_of(stream: str, sensors: Mapping[str, ListedSensor]) -> tuple[str, ...]:
     """Fields of a sample of a stream of a stage that lists these sensors."""
-    if stream in sensors:
-        return sensors[stream].fields
-    return HEAD_FIELDS if stream.startswith(HEAD) else FIELDS[stream]
+    return sensors[stream].fields if stream in sensors else samples_columns(stream)
 
 
 @dataclass(frozen=True)

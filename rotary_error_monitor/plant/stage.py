@@ -13,8 +13,8 @@ from rotary_error_monitor.description.listed_sensors import name_of
 from rotary_error_monitor.description.sensor_section import PLACE_TEMPERATURE, SHAFT_FORCE
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.plant.clocks import FIELDS as FIELDS
 from rotary_error_monitor.plant.clocks import HEAD as HEAD
+from rotary_error_monitor.plant.clocks import STREAMS as STREAMS
 from rotary_error_monitor.plant.clocks import Clock as Clock
 from rotary_error_monitor.plant.clocks import fields_of as fields_of
 from rotary_error_monitor.plant.clocks import stage_clocks as stage_clocks
@@ -83,7 +83,7 @@ class StagePlant:
         """Names of the streams that this stage has and that a clock drives."""
         heads = tuple(f"{HEAD}{name}" for name in self.stage.azimuths)
         absent = {name for name in ("autocollimator", "lvdt") if getattr(self.stage, name) is None}
-        others = tuple(name for name in FIELDS if name not in absent)
+        others = tuple(name for name in STREAMS if name not in absent)
         return tuple(name for name in (*heads, *others, *self.stage.listed) if name in self.clocks)
 
     def index_at(self, stream: str, time_ns: int) -> int:

@@ -194,7 +194,7 @@ def analyse_bag(
     acting = streams.acting(stage)
     temperatures = {name.partition(",")[0]: each for name, each in acting.items() if name.endswith("°C")}
     outcome, judged = judge(segments, question.limits)
-    used = wire.topic("error_motion_samples").field("streams")
+    used = wire.used_streams
     return Analysis(
         outcome,
         judged,

@@ -13,7 +13,7 @@ from rotary_error_monitor.arrays import Times
 from rotary_error_monitor.codec.error_motion_blocks import block_from_error_motion, error_motion_from_block
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.corrections import Correction
-from rotary_error_monitor.signals.blocks import SampleBlock
+from rotary_error_monitor.signals.blocks import TIME_COLUMN, SampleBlock
 from rotary_error_monitor.signals.rows import Keep, Rows, parts_of, place_of
 
 T = TypeVar("T")
@@ -34,7 +34,7 @@ class BlockRows:
         """Nothing yet; `names` are the columns where no block will come."""
         self._keep = keep
         self._values: Rows | None = None
-        self.names = ("t", *names)
+        self.names = (TIME_COLUMN, *names)
         self.times: Rows = keep((), np.int64)
 
     def __len__(self) -> int:

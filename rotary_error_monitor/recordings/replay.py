@@ -14,14 +14,14 @@ from rotary_error_monitor.bags.naming import THE_ONLY_CELL, Naming
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.bags.window import Window
 from rotary_error_monitor.codec.contents import JointState, Temperature
-from rotary_error_monitor.codec.error_motion_blocks import error_motion_from_block
+from rotary_error_monitor.codec.error_motion_blocks import error_motion_from_block, tells_doubts
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.wire import Wire, wire_of
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.compensation import Compensator, InputsUsed
-from rotary_error_monitor.pipeline.corrections import Correction
+from rotary_error_monitor.pipeline.corrections import OFFSET, Correction
 from rotary_error_monitor.pipeline.estimation import (
     AUTOCOLLIMATOR,
     COMMAND,
@@ -274,7 +274,7 @@ def _published_decisions(reader: BagReader, wire: Wire, keep: Keep, repeat: bool
     found = ByTick(keep, 9, _decision)
     for block in _blocks(reader, wire.topic(_MOTION).name) if repeat else ():
         rows = decision_rows(error_motion_from_block(block))
-        if "doubts" not in block.names:  # a run of an earlier version
+        if not tells_doubts(block):
             unsaid = Decision(0)
             rows[:, 1:] = [np.nan if number is None else number for number in astuple(unsaid)[1:]]
         found.add(block.times_ns, rows)
@@ -287,9 +287,10 @@ def _decision(_: int, said: Sequence[float]) -> Decision:
 
 def _published_inputs(reader: BagReader, wire: Wire, keep: Keep) -> ByTick[InputsUsed]:
     found = ByTick(keep, 3, _inputs_used)
-    for block in _blocks(reader, wire.topic("tool_offset_samples").name):
-        ages = np.rint(block.column("joint_age") * 1e9)
-        found.add(block.times_ns, np.column_stack([ages, block.columns(("directions", "temperature"))]))
+    offsets = wire.topic("tool_offset_samples")
+    for block in _blocks(reader, offsets.name):
+        age, *other = block.columns(offsets.columns[len(OFFSET) :]).T
+        found.add(block.times_ns, np.column_stack([np.rint(age * 1e9), *other]))
     return found
 
 

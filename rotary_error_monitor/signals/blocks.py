@@ -15,6 +15,9 @@ from rotary_error_monitor.signals.kernel import chosen_kernel
 
 NANOSECONDS = 1_000_000_000
 
+TIME_COLUMN = "t"
+"""First column of every block: seconds after its stamp."""
+
 
 @dataclass(frozen=True)
 class SampleBlock:
@@ -101,4 +104,4 @@ def block_from_samples(times_ns: NDArray[np.int64], names: Sequence[str], values
     stamp = int(times_ns[0])
     rows = np.empty((len(times_ns), 1 + len(names)), "<f8")
     rows[:, 0], rows[:, 1:] = (times_ns - stamp) * 1e-9, values
-    return SampleBlock(stamp, ("t", *names), rows)
+    return SampleBlock(stamp, (TIME_COLUMN, *names), rows)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from rotary_error_monitor.description.settings import Setting
+from rotary_error_monitor.description.stage import FORCE
+from rotary_error_monitor.description.topics import samples_columns
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.sources.device import Device, Instrument
 from rotary_error_monitor.sources.source import Heard
@@ -29,7 +31,7 @@ class WrenchDriver(Device):
         Raises:
             InputError: the instrument is no load cell.
         """
-        if instrument.fields != ("force_x", "force_y"):
+        if instrument.fields != samples_columns(FORCE):
             raise InputError(f"{instrument.stream} shows {', '.join(instrument.fields)}; only a load cell is read so")
         newton = FORCE_UNITS[instrument.setting("wrench.unit")]
         return Heard(
@@ -57,7 +59,7 @@ class TemperatureDriver(Device):
         Raises:
             InputError: the instrument is no thermometer.
         """
-        if instrument.fields != ("temperature",):
+        if instrument.fields != samples_columns("temperature"):
             raise InputError(f"{instrument.stream} shows {', '.join(instrument.fields)}; only a thermometer is read so")
         topic = instrument.setting("temperature.topic")
         return Heard(instrument.fields, topic, "sensor_msgs/msg/Temperature", lambda message: (message.temperature,))

@@ -10,7 +10,8 @@ import numpy as np
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.listed_sensors import ListedSensor
 from rotary_error_monitor.description.response import Response
-from rotary_error_monitor.description.topics import samples_topic, stream_of
+from rotary_error_monitor.description.stage import FORCE
+from rotary_error_monitor.description.topics import samples_columns, samples_topic, stream_of
 from rotary_error_monitor.effects.rotor import HEAD
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.responses import correct_block
@@ -20,11 +21,9 @@ from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.signals.coverage import MessageSpans, coverage_remarks
 from rotary_error_monitor.twin.rates import MOST_RATE
 
-_INPUTS = {
-    "command": ("angle", "velocity"),
-    "force": ("force_x", "force_y"),
-    "temperature": ("temperature",),
-}
+_INPUTS = (COMMAND, FORCE, "temperature")
+"""Streams of what drives the stage and acts on it."""
+
 _CLOCK_ACCURACY = 0.01
 """An instrument whose clock is this part too fast is no faster than it should be."""
 
@@ -85,7 +84,7 @@ def fields_of(stream: str) -> tuple[str, ...]:
     sensor = sensor_kinds().get(kind_of(stream)) or input_of(stream)
     if sensor is None and stream not in _INPUTS:
         raise InputError(f"{stream}: {without_class()}")
-    return _INPUTS[stream] if sensor is None else sensor.fields
+    return samples_columns(stream) if sensor is None else sensor.fields
 
 
 def measured(stream: str, sensor: ListedSensor, readings: Array) -> Array:

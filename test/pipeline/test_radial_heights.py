@@ -16,8 +16,9 @@ from rotary_error_monitor.description.wire import wire_of
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes.error_estimator import ErrorEstimator
 from rotary_error_monitor.pipeline.estimation import Estimator
-from rotary_error_monitor.pipeline.radial_heights import COLUMNS, figures_of, radial_block
+from rotary_error_monitor.pipeline.radial_heights import figures_of, radial_block
 
+COLUMNS = ("height", "radial_x", "radial_y", "observable", "var_x", "var_y", "cov_xy")
 HEIGHTS = (0.0, 0.016, -0.1, 0.2)
 WITH_FOUR = [seed for seed in range(20) if len(random_stage(seed)["encoder"]["heads"]) == 4]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
+from rotary_error_monitor.description.definition_files import own_columns
 from rotary_error_monitor.description.expected import Expected
 from rotary_error_monitor.description.quantities import Angle, Gain
 from rotary_error_monitor.description.sensor_section import SHAFT_FORCE, SensorSection
@@ -19,7 +20,7 @@ _Zero = Annotated[float, Expected("a force in N", -LARGEST, LARGEST)]
 class Force(SensorSection):
     """What the load cell reads along two axes at right angles, or along the first of them alone."""
 
-    fields = ("force_x", "force_y")
+    fields = own_columns("force")
     unit = "N"
     is_input = True
     measures = SHAFT_FORCE

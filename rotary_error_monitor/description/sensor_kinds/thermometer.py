@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
+from rotary_error_monitor.description.definition_files import own_columns
 from rotary_error_monitor.description.expected import Expected
 from rotary_error_monitor.description.sensor_section import PLACE_TEMPERATURE, SensorSection
 
@@ -13,7 +14,7 @@ from rotary_error_monitor.description.sensor_section import PLACE_TEMPERATURE, S
 class Thermometer(SensorSection):
     """What the thermometer reads, in °C; it has neither gain nor form."""
 
-    fields = ("temperature",)
+    fields = own_columns("thermometer")
     unit = "°C"
     is_input = True
     is_slow = True

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
+from rotary_error_monitor.description.definition_files import own_columns
 from rotary_error_monitor.description.expected import Expected
 from rotary_error_monitor.description.harmonics import PlaneWaves
 from rotary_error_monitor.description.quantities import Gain, Noise, Range, Reading, Resolution, Roll
@@ -15,7 +16,7 @@ from rotary_error_monitor.description.sensor_section import SensorSection, Uncer
 class TiltSensor(SensorSection):
     """What the instrument reads of the tilt, in rad."""
 
-    fields = ("tilt_x", "tilt_y")
+    fields = own_columns("tilt_sensor")
     unit = "rad"
 
     noise: Annotated[Noise, Expected("standard deviation of one reading in rad")]
