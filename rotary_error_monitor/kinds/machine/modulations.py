@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,12 +13,10 @@ from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.effects.machine_effect import LINEAR
 from rotary_error_monitor.gap.departures import Departures, by_rate, grows
 from rotary_error_monitor.gap.pose_modulations import Quantity, departures_at_poses, waves_around, with_direction
-
-if TYPE_CHECKING:
-    from rotary_error_monitor.kinds.machine.problem import MachineProblem
+from rotary_error_monitor.kinds.machine.table import MachineTable
 
 
-def machine_departures(problem: MachineProblem, place: int, causes: Sequence[Cause]) -> Departures:
+def machine_departures(problem: MachineTable, place: int, causes: Sequence[Cause]) -> Departures:
     """Ways in which the cause at one place among the causes may depart from its textbook form.
 
     Of an effect that sits on an axis each amplitude may depend on that axis in its own way, on the others all alike.
@@ -38,7 +35,7 @@ def machine_departures(problem: MachineProblem, place: int, causes: Sequence[Cau
     return departures_at_poses(place, cause, rows, units, problem.index, each, together)
 
 
-def _of_axes(problem: MachineProblem, axes: Sequence[Axis]) -> dict[str, Quantity]:
+def _of_axes(problem: MachineTable, axes: Sequence[Axis]) -> dict[str, Quantity]:
     found = {}
     for axis in axes:
         letter, column = axis.letter, problem.machine.letters.index(axis.letter)

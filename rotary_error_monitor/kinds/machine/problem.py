@@ -2,28 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.machine import MachineDescription
-from rotary_error_monitor.description.topics import topic_named
-from rotary_error_monitor.effects.effect import AnyEffect, Cause, Searched, values_of
-from rotary_error_monitor.effects.machine_effect import LINEAR, MachineEffect
+from rotary_error_monitor.effects.effect import Cause
+from rotary_error_monitor.effects.machine_effect import MachineEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.departures import Departures
 from rotary_error_monitor.gap.known_effects import KnownEffects
 from rotary_error_monitor.gap.noise_level import LOUDEST, LOUDEST_UNSTATED, NOISIER, SAME_LEVEL
 from rotary_error_monitor.gap.options import FALSE_ALARMS
 from rotary_error_monitor.gap.p_values import NORMAL_QUARTILE, log_f_tail
-from rotary_error_monitor.gap.problem import Candidate, Columns, Conditions, Finding, Rows, Share
+from rotary_error_monitor.gap.problem import Columns, Finding, Rows, Share
 from rotary_error_monitor.gap.slow_noise import Rivals, cosines, learn_slow_noise
-from rotary_error_monitor.gap.table import TableProblem, acting
 from rotary_error_monitor.kinds.machine.modulations import machine_departures
 from rotary_error_monitor.kinds.machine.noise_level import AS_STATED, ProbeNoiseEstimator
 from rotary_error_monitor.kinds.machine.smooth import SmoothMachine
+from rotary_error_monitor.kinds.machine.table import MachineTable
 from rotary_error_monitor.kinds.machine.warming import moved_by_temperature, with_smooth_temperature
 from rotary_error_monitor.kinds.machine.where import machine_advice, machine_where
 from rotary_error_monitor.machine.uncertainty import uncertain_shifts
@@ -34,22 +33,18 @@ from rotary_error_monitor.twin.machine import MachineRecording, predict_probe
 PROBE_STD = 1.5e-6
 """Standard deviation of one component of the laser tracker's result, m, where nothing else is stated."""
 
-FOLDS = 6
 SMALL = 1e-3
 """Departure, m, that any machine may have by the way in which it was set up."""
 
 OTHERS = 10.0
 """A machine that departs from its twin by so many times what the twin describes may be another one."""
 
-PERIODS = (2e-3, 0.5)
-"""Shortest and longest period of a cyclic error that is searched, m."""
-
 SAME_DRIFT = 0.2
 """Part by which the size of a drift may be another: that of one learnt from a recording is no better known."""
 
 
-class MachineProblem(TableProblem[None]):
-    """Poses of a machine beside its twin, in the order of measuring; a sixth of them is held out together.
+class MachineProblem(MachineTable):
+    """Poses of a machine beside its twin, with the noise of the probe and what the twin does not know for certain.
 
     Args:
         machine: the description that the twin has.
@@ -62,12 +57,6 @@ class MachineProblem(TableProblem[None]):
         probe_std: what it is taken to be beside the causes found, m.
     """
 
-    unit = ("µm", 1e6)
-    step = 0.1
-    """µm or µrad: the machine is linear in its errors to one part in 10^5."""
-    shape_step = 1e-8
-    """Of a period: small beside one turn in all turns over the travel, since a wave that is moved bends at once."""
-
     def __init__(
         self,
         machine: MachineDescription,
@@ -75,22 +64,13 @@ class MachineProblem(TableProblem[None]):
         effects: Sequence[MachineEffect],
         probe_std: float | None = None,
     ) -> None:
-        self.names = {component: f"{topic_named('tool_probe')}.{component}" for component in "xyz"}
-        self.machine = machine
-        self.recording, self._temperature_ways = with_smooth_temperature(machine, recording)
+        smooth, self._temperature_ways = with_smooth_temperature(machine, recording)
         stated = np.broadcast_to(probe_std or machine.probe_noise or PROBE_STD, 3)
         self.stated_std = self.probe_std = float(np.sqrt(np.mean(np.square(stated))))
         self._parts = stated / self.stated_std
         self._loudest = LOUDEST if machine.probe_noise else LOUDEST_UNSTATED
-        edges = np.linspace(0, len(recording.probe), 4 * FOLDS + 1)
-        labels = (np.arange(4 * FOLDS) // 4).astype(np.intp)
-        folds = Conditions(edges - 0.5, labels, tuple(f"poses {i + 1}/{FOLDS}" for i in range(FOLDS)))
-        super().__init__(machine, folds, recording.probe.T, np.array(stated), effects)
-        self.index = np.arange(len(self.kept), dtype=np.float64)
+        super().__init__(machine, smooth, effects, np.array(stated))
         self._shifts = uncertain_shifts(machine)
-        self._starts: dict[tuple[str, str], Array] = {}
-        self._plain: Array | None = None
-        self._derivatives: dict[tuple[object, ...], Array] = {}
         self._moved: Array | None = None
         self._smooth = SmoothMachine(machine, self.recording, self.std)
         self._estimator = ProbeNoiseEstimator(self._smooth.columns, self._smooth.factors)
@@ -99,41 +79,10 @@ class MachineProblem(TableProblem[None]):
         self._drifted = 0.0
         self.learn_outliers((), {})
 
-    def settle(self, causes: Sequence[Cause]) -> None:
-        """Nothing is fitted whatever the causes."""
-
-    def predict(self, state: None, causes: Sequence[Cause]) -> Array:
-        """(3, n) what the probe shows with these causes, m; that without any size is kept."""
-        fitted = acting(causes)
-        if fitted:
-            return predict_probe(self.machine, self.recording, fitted).T
-        if self._plain is None:
-            self._plain = predict_probe(self.machine, self.recording).T
-        return self._plain
-
-    def derivative(self, cause: Cause, indices: Sequence[int], others: Sequence[Cause]) -> Array:
-        """(3, n, len(indices)) as of any table; that of an effect alone and without size is kept.
-
-        Such are wanted again whenever outliers or the probe's drift are known better.
-        """
-        beside = [other for other in others if other.key != cause.key]
-        if beside or acting([cause]):
-            return super().derivative(cause, indices, others)
-        key = (values_of([cause]), tuple(indices))
-        if key not in self._derivatives:
-            self._derivatives[key] = super().derivative(cause, indices, others)
-        return self._derivatives[key]
-
     def white(self, values: Array) -> Rows:
         """White rows (n, p) of values (3, n, p): slow noise as well."""
         slow = self._slow_noise()
         return {channel: slow.whiten(rows) for channel, rows in super().white(values).items()}
-
-    def quantities(self) -> Mapping[str, Array]:
-        """Positions of the axes."""
-        scales = [("mm", 1e3) if axis.kind == LINEAR else ("°", 180 / np.pi) for axis in self.machine.axes]
-        positions = zip(self.machine.axes, scales, self.recording.positions.T, strict=True)
-        return {f"{axis.letter}, {unit}": scale * position for axis, (unit, scale), position in positions}
 
     def departures(self, causes: Sequence[Cause]) -> tuple[Departures, ...]:
         """Ways in which each cause may depart from its textbook form."""
@@ -155,12 +104,6 @@ class MachineProblem(TableProblem[None]):
             warmed = moved_by_temperature(self.machine, self.recording, self._temperature_ways, self.std)
             self._moved = np.concatenate([*moved, warmed], axis=2)
         return self._moved
-
-    def candidates(self, rest: Rows, causes: Sequence[Cause]) -> tuple[Candidate, ...]:
-        """Every effect at every place; harmonics of rotary axes of every order, the best period of each linear axis."""
-        found = [candidate for effect in self.effects for candidate in self._of(effect, rest)]
-        self._starts |= {candidate.key: candidate.start for candidate in found}
-        return tuple(found)
 
     def structure(self, rest: Rows) -> list[Finding]:
         """Tests of what is left: its power, that of each component, and every smooth error of a machine's axes."""
@@ -334,75 +277,10 @@ class MachineProblem(TableProblem[None]):
         size = 1e6 * self.probe_std * self._drifted
         return [f"probe: drifts by {size:.2g} µm (root mean square) beside its noise"] if size else []
 
-    def at_zero(self, key: tuple[str, str]) -> Cause:
-        """An effect without size, its shape as it was proposed."""
-        effect = next(e for e in self.effects if e.name == key[0])
-        return Cause(effect, key[1], self._starts.get(key, effect.start(key[1])))
-
     def _slow_noise(self) -> SlowNoise:
         return SlowNoise(Cells(np.arange(len(self.index)), self.kept.astype(np.float64)), self.drift)
-
-    def _of(self, effect: AnyEffect, rest: Rows) -> Iterator[Candidate]:
-        places = effect.locations(self.machine)
-        for place in places:
-            if effect.searched is Searched.ORDER:
-                yield from self._harmonics(effect, place, len(places))
-            elif effect.searched is Searched.WAVE:
-                start, trials = self._period(effect, place, rest)
-                yield Candidate(effect, place, start, -float(np.log(len(places) * trials)))
-            else:
-                yield Candidate(effect, place, effect.start(place), -float(np.log(len(places))))
-
-    def _harmonics(self, effect: AnyEffect, place: str, places: int) -> Iterator[Candidate]:
-        most = int(effect.bounds()[1][effect.slices()["order"]][0])
-        for order in range(1, most + 1):
-            start = effect.start(place)
-            start[effect.slices()["order"]] = order
-            # Lower orders are likelier: eccentricity and oval shapes come before teeth.
-            prior = -float(np.log(order * places * np.sum(1 / np.arange(1, most + 1))))
-            yield Candidate(effect, place, start, prior)
-
-    def _period(self, effect: AnyEffect, place: str, rest: Rows) -> tuple[Array, int]:
-        """Period with the most power along the axis, from a Lomb-Scargle scan of the positions."""
-        column = self.machine.letters.index(place)
-        position = self.recording.positions[:, column]
-        unit = effect.start(place)
-        # Cosine and sine of the longest period, each times its own wave, add up to a constant: the direction in which
-        # the axis's error shows.
-        longest = float(effect.bounds()[1][effect.slices()["period"]][0])
-        shown = np.zeros_like(self.measured)
-        for name, wave in (("cos", np.cos), ("sin", np.sin)):
-            long, size = unit.copy(), effect.slices()[name]
-            long[effect.slices()["period"]], long[size] = longest, effect.scales()[size]
-            shown += wave(2 * np.pi * position / longest) * self.shown((Cause(effect, place, long),))
-        along = shown / np.maximum(np.linalg.norm(shown, axis=0), np.finfo(np.float64).tiny)
-        signal = np.sum(np.stack([rest[channel][:, 0] for channel in self.channels]) * along, axis=0)
-        span = float(np.ptp(position))
-        best = find_frequency(position, signal, 1 / PERIODS[1], 1 / PERIODS[0])
-        start = unit.copy()
-        start[effect.slices()["period"]] = 1 / best
-        return start, max(int(span * (1 / PERIODS[0] - 1 / PERIODS[1])), 1)
 
 
 def _alike(drift: Array, other: Array) -> bool:
     """Whether two drifts are the same to a part that changes nothing."""
     return drift.shape == other.shape and np.allclose(drift, other, rtol=SAME_DRIFT, atol=0.0)
-
-
-def find_frequency(position: Array, signal: Array, lowest: float, highest: float) -> float:
-    """Frequency, 1/m, of the wave with the most power in a signal at positions that are not evenly spaced.
-
-    The signal is first summed into cells a twentieth of the shortest wave wide, so that one fast transform sees all
-    frequencies a fifth of the resolution apart; near the best of them the positions count as they are.
-    """
-    span = float(np.ptp(position))
-    width = 0.05 / highest
-    sums = np.bincount(((position - position.min()) / width).astype(np.intp), signal)
-    length = int(2 ** np.ceil(np.log2(5 * span / width)))
-    power = np.square(np.abs(np.fft.rfft(sums, length)))
-    frequencies = np.arange(len(power)) / (length * width)
-    allowed = (frequencies >= lowest) & (frequencies <= highest)
-    best = float(frequencies[int(np.argmax(np.where(allowed, power, -1.0)))])
-    fine = np.clip(best + np.linspace(-0.2, 0.2, 41) / span, lowest, highest)
-    exact = np.abs(np.exp(-2j * np.pi * np.outer(fine, position)) @ signal)
-    return float(fine[int(np.argmax(exact))])

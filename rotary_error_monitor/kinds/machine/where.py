@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,16 +13,14 @@ from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.gap.dependence import explained_by, explained_by_constant, name_dependences
 from rotary_error_monitor.gap.problem import Rows, Share
 from rotary_error_monitor.gap.telling_apart import advise_best, distance
+from rotary_error_monitor.kinds.machine.table import MachineTable
 from rotary_error_monitor.twin.machine import MachineRecording, predict_probe
-
-if TYPE_CHECKING:
-    from rotary_error_monitor.kinds.machine.problem import MachineProblem
 
 TELLING = 0.1
 POSES = 120
 
 
-def machine_where(problem: MachineProblem, causes: Sequence[Cause], rest: Rows, explained: bool) -> list[Share]:
+def machine_where(problem: MachineTable, causes: Sequence[Cause], rest: Rows, explained: bool) -> list[Share]:
     """Shares of x, y and z, largest first; empty if nothing exceeds the noise."""
     noise = problem.std
     if explained:
@@ -50,7 +47,7 @@ def machine_where(problem: MachineProblem, causes: Sequence[Cause], rest: Rows, 
     ]
 
 
-def _describe(problem: MachineProblem, values: Array, power: float) -> str:
+def _describe(problem: MachineTable, values: Array, power: float) -> str:
     """Axes, directions and temperature on which a component of the gap depends, with what each explains alone."""
     if power <= 0:
         return "noise"
@@ -79,7 +76,7 @@ def _describe(problem: MachineProblem, values: Array, power: float) -> str:
     return name_dependences(parts, TELLING)
 
 
-def machine_advice(problem: MachineProblem, keys: Sequence[tuple[str, str]], causes: Sequence[Cause]) -> str:
+def machine_advice(problem: MachineTable, keys: Sequence[tuple[str, str]], causes: Sequence[Cause]) -> str:
     """Words for the set of poses that tells the first of these effects apart from the others best."""
     first = next(cause for cause in causes if cause.key == tuple(keys[0]))
     rivals = [problem.at_zero(key) for key in keys[1:]]
@@ -90,7 +87,7 @@ def machine_advice(problem: MachineProblem, keys: Sequence[tuple[str, str]], cau
     return advise_best(scored, "no poses that were tried tell them apart: the best ones")
 
 
-def _experiments(problem: MachineProblem) -> list[tuple[str, MachineRecording]]:
+def _experiments(problem: MachineTable) -> list[tuple[str, MachineRecording]]:
     """Sets of poses that a person can run: one axis at a time over its travel, warm, with another tool, both ways."""
     machine, recording = problem.machine, problem.recording
     middle = np.array([sum(axis.travel) / 2 for axis in machine.axes])
@@ -121,7 +118,7 @@ def _poses(recording: MachineRecording, positions: Array, direction: Array, temp
     )
 
 
-def _distance(problem: MachineProblem, first: Cause, rival: Cause, planned: MachineRecording) -> float:
+def _distance(problem: MachineTable, first: Cause, rival: Cause, planned: MachineRecording) -> float:
     """Standard deviations between the first cause as fitted and the nearest that a rival can do, old and new poses."""
     base = predict_probe(problem.machine, planned)
 
