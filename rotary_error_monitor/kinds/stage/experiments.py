@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,11 +18,9 @@ from rotary_error_monitor.description.stage import Lvdt, StageDescription
 from rotary_error_monitor.effects.effect import Cause, Role, place_of
 from rotary_error_monitor.effects.rotor import LVDT
 from rotary_error_monitor.gap.telling_apart import advise_best, distance
+from rotary_error_monitor.kinds.stage.rows import StageRows
 from rotary_error_monitor.sensors.library import instrument_of
 from rotary_error_monitor.twin.stage import StageInputs, StageTwin
-
-if TYPE_CHECKING:
-    from rotary_error_monitor.kinds.stage.problem import StageProblem
 
 Key = tuple[str, str]
 
@@ -47,7 +44,7 @@ class Experiment:
     with_lvdt: bool
 
 
-def advise(problem: StageProblem, keys: Sequence[Key], causes: Sequence[Cause]) -> str:
+def advise(problem: StageRows, keys: Sequence[Key], causes: Sequence[Cause]) -> str:
     """Words for the measurement that tells the first of these effects apart from the others best."""
     first = next(cause for cause in causes if cause.key == tuple(keys[0]))
     rivals = [_at_zero(problem, key) for key in keys[1:]]
@@ -66,7 +63,7 @@ def advise(problem: StageProblem, keys: Sequence[Key], causes: Sequence[Cause]) 
     return advise_best(scored, f"{others}: the best one")
 
 
-def _experiments(problem: StageProblem) -> Iterable[Experiment]:
+def _experiments(problem: StageRows) -> Iterable[Experiment]:
     stage, plain = problem.stage, problem.twin.inputs
     duration = problem.recording.duration
     lvdt = LVDT in problem.twin.times
@@ -96,7 +93,7 @@ def _experiments(problem: StageProblem) -> Iterable[Experiment]:
         yield Experiment(f"move head {letter} by 20° along the ring and record again", plain, shifted, lvdt)
 
 
-def _with_probes_moved(problem: StageProblem, streams: Iterable[str]) -> Iterator[Experiment]:
+def _with_probes_moved(problem: StageRows, streams: Iterable[str]) -> Iterator[Experiment]:
     """Listed sensors somewhere else around the axis: the form of a target comes later there, error motion does not."""
     stage = problem.stage
     for stream in streams:
@@ -110,7 +107,7 @@ def _with_probes_moved(problem: StageProblem, streams: Iterable[str]) -> Iterato
         yield Experiment(words, problem.twin.inputs, there, LVDT in problem.twin.times)
 
 
-def _with_places_warmed(problem: StageProblem, places: Iterable[str]) -> Iterator[Experiment]:
+def _with_places_warmed(problem: StageRows, places: Iterable[str]) -> Iterator[Experiment]:
     """Places of thermometers that warm as the others do not."""
     plain, duration = problem.twin.inputs, problem.recording.duration
     for place in places:
@@ -132,7 +129,7 @@ def _circling(time: Array) -> Array:
     return 100.0 * np.stack([np.cos(2 * np.pi * time / 7.0), np.sin(2 * np.pi * time / 7.0)], axis=1)
 
 
-def _at_zero(problem: StageProblem, key: Key) -> Cause:
+def _at_zero(problem: StageRows, key: Key) -> Cause:
     effect = next(e for e in problem.effects if e.name == key[0])
     known = problem.known_start(key)
     return Cause(effect, key[1], effect.start(key[1]) if known is None else known)
@@ -148,7 +145,7 @@ class _Measurement:
         lvdt: whether the LVDT takes part.
     """
 
-    def __init__(self, problem: StageProblem, inputs: StageInputs, stage: StageDescription, lvdt: bool) -> None:
+    def __init__(self, problem: StageRows, inputs: StageInputs, stage: StageDescription, lvdt: bool) -> None:
         self._problem = problem
         time = np.linspace(0.0, problem.recording.duration, SAMPLES)
         streams = [name for name in problem.twin.times if name != LVDT] + [LVDT] * lvdt

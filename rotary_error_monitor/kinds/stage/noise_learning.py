@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from hashlib import sha256
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,14 +20,12 @@ from rotary_error_monitor.gap.structure import Track
 from rotary_error_monitor.kinds.stage.instrument import Instrument
 from rotary_error_monitor.kinds.stage.jitter import SharedMotion, estimate_jitter
 from rotary_error_monitor.kinds.stage.nuisances import Nuisances
+from rotary_error_monitor.kinds.stage.rows import StageRows
 from rotary_error_monitor.kinds.stage.search import StageSearch
 from rotary_error_monitor.kinds.stage.signatures import KeptSignatures
 from rotary_error_monitor.noise.jitter import Jitter
 from rotary_error_monitor.sensors.library import COMMAND, instrument_of, is_listed
 from rotary_error_monitor.twin.stage import Signals
-
-if TYPE_CHECKING:
-    from rotary_error_monitor.kinds.stage.problem import StageProblem
 
 SAME_SPECTRUM = 0.12
 """Mean difference of two spectra, as a logarithm, that is within the scatter of an estimate from 40 s."""
@@ -72,7 +69,7 @@ class NoiseLearning:
 
     def __init__(
         self,
-        problem: StageProblem,
+        problem: StageRows,
         signatures: KeptSignatures,
         nuisances: Nuisances,
         search: StageSearch,

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, HEAD
+from rotary_error_monitor.kinds.stage.rows import StageRows
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout, estimate_ring_pose
 from rotary_error_monitor.metrology.error_motion import remove_eccentricity, remove_graduation, remove_mirror
 from rotary_error_monitor.twin.stage import StageTwin
-
-if TYPE_CHECKING:
-    from rotary_error_monitor.kinds.stage.problem import StageProblem
 
 INSTANTS = 4000
 """Instants at which the estimate is held against the truth: many to a turn of any usual recording."""
@@ -26,7 +23,7 @@ ABOVE = 0.1
 """Height above the ring, m, for which the offset is told beside that at the ring."""
 
 
-def offset_figures(problem: StageProblem, causes: Sequence[Cause]) -> Mapping[str, float]:
+def offset_figures(problem: StageRows, causes: Sequence[Cause]) -> Mapping[str, float]:
     """How wrong the tool's offset is while the causes are in the stage and not in its description, RMS.
 
     The twin with the causes plays the stage: it tells both what the sensors show and how the rotor truly moves. What

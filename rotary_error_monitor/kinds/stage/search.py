@@ -7,7 +7,6 @@ proposal is then weighed by its exact signature, and pays for the number of plac
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,12 +21,10 @@ from rotary_error_monitor.gap.departures import SHARE
 from rotary_error_monitor.gap.options import FALSE_ALARMS
 from rotary_error_monitor.gap.orders import order_spectrum, trials_of_waves
 from rotary_error_monitor.gap.problem import Candidate, Rows
+from rotary_error_monitor.kinds.stage.rows import StageRows
 from rotary_error_monitor.metrology.periodic_curves import doubted_orders
 from rotary_error_monitor.sensors.library import COMMAND, instrument_of, is_listed, kind_of
 from rotary_error_monitor.twin.recording import StageRecording
-
-if TYPE_CHECKING:
-    from rotary_error_monitor.kinds.stage.problem import StageProblem
 
 PROPOSED_ORDERS = 3
 """Orders proposed by each group of channels."""
@@ -58,7 +55,7 @@ def effects_in(
 class StageSearch:
     """Proposes candidates of a stage problem."""
 
-    def __init__(self, problem: StageProblem) -> None:
+    def __init__(self, problem: StageRows) -> None:
         self._problem = problem
 
     def candidates(self, rest: Rows) -> tuple[Candidate, ...]:

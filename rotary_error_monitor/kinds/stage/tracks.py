@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +12,8 @@ from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.rotor import HEAD
 from rotary_error_monitor.gap.problem import Finding, Rows
 from rotary_error_monitor.gap.structure import Track, find_shared, find_structure
+from rotary_error_monitor.kinds.stage.rows import StageRows
 from rotary_error_monitor.sensors.library import instrument_of
-
-if TYPE_CHECKING:
-    from rotary_error_monitor.kinds.stage.problem import StageProblem
 
 FEWEST_ROWS = 100
 """Rows of a channel below which its structure is not looked at."""
@@ -48,7 +45,7 @@ class Tracks:
         problem: recording beside twin.
     """
 
-    def __init__(self, problem: StageProblem) -> None:
+    def __init__(self, problem: StageRows) -> None:
         self._problem = problem
         self._kept: dict[str, tuple[Array, _Instants]] = {}
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,11 +14,9 @@ from rotary_error_monitor.effects.rotor import HEAD, RotorState
 from rotary_error_monitor.gap.dependence import explained_by, explained_by_constant, name_dependences
 from rotary_error_monitor.gap.normal import own_rest
 from rotary_error_monitor.gap.problem import Share
+from rotary_error_monitor.kinds.stage.rows import StageRows
 from rotary_error_monitor.sensors.library import COMMAND, instrument_of, sensor_of
 from rotary_error_monitor.twin.recording import fields_of
-
-if TYPE_CHECKING:
-    from rotary_error_monitor.kinds.stage.problem import StageProblem
 
 ALIKE = 0.9
 """Heads whose gaps differ less than this see the rotation itself: the gap is named against the command."""
@@ -29,7 +26,7 @@ TELLING = 0.1
 """Part of a channel's excess that a dependence must explain to be named."""
 
 
-def stage_where(problem: StageProblem, causes: Sequence[Cause], explained: bool) -> list[Share]:
+def stage_where(problem: StageRows, causes: Sequence[Cause], explained: bool) -> list[Share]:
     """Shares of all channels, largest first; empty if nothing exceeds the noise.
 
     Of explained gaps the causes' own effect on each channel counts; of others what exceeds the noise in white rows.
@@ -75,7 +72,7 @@ def _channel(stream: str, axis: int) -> str:
     return f"{samples_topic(stream)}.{fields_of(stream)[axis]}"
 
 
-def _effect(problem: StageProblem, causes: Sequence[Cause]) -> _Signals:
+def _effect(problem: StageRows, causes: Sequence[Cause]) -> _Signals:
     """Effect of the causes on each channel; what all heads share alike stands once, in the command's channel."""
     predict = problem.twin.predict  # one stream at a time: of a long recording all would fill the memory
     moved = {name: predict(causes, [name])[name] - predict((), [name])[name] for name in problem.twin.times}
@@ -99,7 +96,7 @@ def _effect(problem: StageProblem, causes: Sequence[Cause]) -> _Signals:
     return found
 
 
-def _excess(problem: StageProblem, causes: Sequence[Cause]) -> tuple[_Signals, dict[str, float]]:
+def _excess(problem: StageRows, causes: Sequence[Cause]) -> tuple[_Signals, dict[str, float]]:
     """White rows beside the causes in the unit of their channel, with the rotor at the rows; and their excess power.
 
     Where the uncertain parameters had to move far they took the gap with them: then the rows before that are shown.
@@ -134,7 +131,7 @@ def _give_back(energy: dict[str, float], heads: Sequence[str]) -> None:
         energy[head] *= 1 + part / differing
 
 
-def _state(problem: StageProblem, stream: str, length: int) -> RotorState:
+def _state(problem: StageRows, stream: str, length: int) -> RotorState:
     """The rotor at the first samples of a stream."""
     state = problem.twin.state(stream)
     if len(state.time) == length:
