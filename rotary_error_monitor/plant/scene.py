@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +13,6 @@ from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.plant.environment import Temperature
 from rotary_error_monitor.plant.geometry import Plane, Turns, as_columns
 from rotary_error_monitor.plant.motion import Course
-
-if TYPE_CHECKING:
-    from rotary_error_monitor.plant.stage import StagePlant
 
 
 @dataclass(frozen=True)
@@ -66,6 +63,23 @@ class Scene:
         return np.column_stack([radial, self.axial, tilt, angular])
 
 
+class Plant(Protocol):
+    """The true stage as a fault asks it."""
+
+    @property
+    def faults(self) -> tuple[Fault, ...]:
+        """What the description does not say."""
+
+    def having(self, faults: tuple[Fault, ...]) -> Plant:
+        """The same stage with other faults."""
+
+    def scene(self, time: NDArray[np.float64]) -> Scene:
+        """What is true at `time` (n,) s after the epoch."""
+
+    def signal(self, stream: str, time: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n, fields) what an instrument without noise shows at `time` (n,) s after the epoch."""
+
+
 class Fault:
     """Something about the true stage that its description does not say; a subclass overrides what it changes.
 
@@ -77,7 +91,7 @@ class Fault:
         """Parameters of the stage."""
         return stage
 
-    def over_time(self, plant: StagePlant, stream: str, time: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    def over_time(self, plant: Plant, stream: str, time: NDArray[np.float64]) -> NDArray[np.float64] | None:
         """(n, fields) all that a stream shows, where the size of the fault changes over time; None where it does not.
 
         The fault is among those of the plant; nothing else of it is asked then.

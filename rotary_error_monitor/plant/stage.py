@@ -25,6 +25,7 @@ from rotary_error_monitor.plant.motion import Course, reversing_motion
 from rotary_error_monitor.plant.noise import Noise, Turbulence
 from rotary_error_monitor.plant.noise_forms import NoiseForm
 from rotary_error_monitor.plant.scene import Fault as Fault
+from rotary_error_monitor.plant.scene import Plant as Plant
 from rotary_error_monitor.plant.scene import Scene as Scene
 from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
 
@@ -85,6 +86,10 @@ class StagePlant:
         absent = {name for name in ("autocollimator", "lvdt") if getattr(self.stage, name) is None}
         others = tuple(name for name in STREAMS if name not in absent)
         return tuple(name for name in (*heads, *others, *self.stage.listed) if name in self.clocks)
+
+    def having(self, faults: tuple[Fault, ...]) -> StagePlant:
+        """The same stage with other faults."""
+        return replace(self, faults=faults)
 
     def index_at(self, stream: str, time_ns: int) -> int:
         """Index of the first sample of a stream at or after `time_ns`, timestamp (ns).

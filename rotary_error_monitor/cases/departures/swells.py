@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar, Self
 
 import numpy as np
@@ -12,7 +12,7 @@ from rotary_error_monitor.cases.departures.departure import Departure, Part, Ran
 from rotary_error_monitor.cases.faults import Named, StageFault
 from rotary_error_monitor.plant.environment import lagged_warming
 from rotary_error_monitor.plant.noise import Noise, Turbulence
-from rotary_error_monitor.plant.stage import Fault, Scene, StagePlant
+from rotary_error_monitor.plant.stage import Fault, Plant, Scene
 
 SIZES = (0.0, 0.5, 1.0)
 """Sizes at which a fault is simulated, times its own; those between and a little beyond follow from them."""
@@ -42,14 +42,14 @@ class Swelling(Fault):
     textbook: StageFault
     swell: Swell
 
-    def over_time(self, plant: StagePlant, stream: str, time: Reals) -> Reals:
+    def over_time(self, plant: Plant, stream: str, time: Reals) -> Reals:
         """Signals at the size that the fault has at each time."""
         others = tuple(fault for fault in plant.faults if fault is not self)
         signals = []
         for size in SIZES:
             faulty = (*others, self.textbook.scaled(size))
-            signals.append(replace(plant, faults=faulty).signal(stream, time))
-        return blended(signals, SIZES, self.swell.factor(replace(plant, faults=()).scene(time)))
+            signals.append(plant.having(faulty).signal(stream, time))
+        return blended(signals, SIZES, self.swell.factor(plant.having(()).scene(time)))
 
 
 @dataclass(frozen=True, kw_only=True)
