@@ -8,24 +8,23 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from rotary_error_monitor.description.machine_limits import MachineLimits
+from rotary_error_monitor.description.machine_parts import ZERO as ZERO
+from rotary_error_monitor.description.machine_parts import Axis as Axis
+from rotary_error_monitor.description.machine_parts import Body as Body
+from rotary_error_monitor.description.machine_parts import BodySection, PoseSection
+from rotary_error_monitor.description.machine_parts import Displacement as Displacement
+from rotary_error_monitor.description.machine_parts import ErrorComponent as ErrorComponent
+from rotary_error_monitor.description.machine_parts import ErrorTable as ErrorTable
+from rotary_error_monitor.description.machine_parts import Harmonic as Harmonic
+from rotary_error_monitor.description.machine_parts import Vector as Vector
 from rotary_error_monitor.description.machine_section import (
     BASE,
-    BodySection,
     ComponentSection,
     MachineSection,
     ParameterSection,
-    PoseSection,
     TableSection,
     TreeSection,
 )
-from rotary_error_monitor.description.machine_section import ZERO as ZERO
-from rotary_error_monitor.description.machine_section import Axis as Axis
-from rotary_error_monitor.description.machine_section import Body as Body
-from rotary_error_monitor.description.machine_section import Displacement as Displacement
-from rotary_error_monitor.description.machine_section import ErrorComponent as ErrorComponent
-from rotary_error_monitor.description.machine_section import ErrorTable as ErrorTable
-from rotary_error_monitor.description.machine_section import Harmonic as Harmonic
-from rotary_error_monitor.description.machine_section import Vector as Vector
 from rotary_error_monitor.description.quantities import REFERENCE_TEMPERATURE
 from rotary_error_monitor.description.sections import from_content, load, write
 from rotary_error_monitor.errors import InputError, excerpt

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Mapping
+from typing import Protocol
 
+from rotary_error_monitor.description.machine_parts import Axis, BodySection
 from rotary_error_monitor.description.quantities import LARGEST_TILT
 from rotary_error_monitor.description.sections import Place
-
-if TYPE_CHECKING:  # whose file imports this one
-    from rotary_error_monitor.description.machine_section import TreeSection
 
 BASE = "base"
 """Name of the body at the root of every tree; it is not listed."""
@@ -18,7 +16,35 @@ _STAGE_AXIS = (0.0, 0.0, 1.0)
 """Direction of a monitored axis in its stator's frame: its error motion comes as the stage sees it, whose z it is."""
 
 
-def wrong_tree(section: TreeSection) -> Iterator[tuple[Place, str]]:
+class Tree(Protocol):
+    """What a section states of a tree, as `TreeSection` has it."""
+
+    @property
+    def axes(self) -> Mapping[str, Axis]:
+        """By their letters."""
+
+    @property
+    def bodies(self) -> tuple[BodySection, ...]:
+        """A parent before its children."""
+
+    @property
+    def tool(self) -> str:
+        """Name of the body that holds the tool."""
+
+    @property
+    def workpiece(self) -> str:
+        """Name of the body that holds the workpiece."""
+
+    @property
+    def spindle(self) -> str | None:
+        """Name of the body whose z is the axis of the spindle."""
+
+    @property
+    def monitored(self) -> str | None:
+        """Letter of the axis whose error motion is measured live."""
+
+
+def wrong_tree(section: Tree) -> Iterator[tuple[Place, str]]:
     """Where a section contradicts itself, and what would be right."""
     axes, seen, moved = section.axes, {BASE: None}, dict[str, str]()
     for index, row in enumerate(section.bodies):

@@ -19,6 +19,7 @@ from rotary_error_monitor.description.response import IDEAL
 from rotary_error_monitor.description.response import Response as Response
 from rotary_error_monitor.description.sections import extended, narrowed, read, write
 from rotary_error_monitor.description.sensor_section import PLACE_TEMPERATURE, SHAFT_FORCE
+from rotary_error_monitor.description.spindle_section import Spindle as Spindle
 from rotary_error_monitor.description.stage_limits import StageLimits, derive_limits
 from rotary_error_monitor.description.stage_section import (
     CommandSection,
@@ -31,7 +32,6 @@ from rotary_error_monitor.description.stage_section import (
 )
 from rotary_error_monitor.description.stage_section import Encoder as Encoder
 from rotary_error_monitor.description.stage_section import Mirror as Mirror
-from rotary_error_monitor.description.stage_section import Spindle as Spindle
 from rotary_error_monitor.description.table_files import with_tables
 from rotary_error_monitor.description.two_axis_section import (
     DISTORTIONS,

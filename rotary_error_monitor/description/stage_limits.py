@@ -5,13 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from rotary_error_monitor.description.expected import Expected
 from rotary_error_monitor.description.harmonics import PlanarHarmonic
-
-if TYPE_CHECKING:
-    from rotary_error_monitor.description.stage_section import Spindle
+from rotary_error_monitor.description.spindle_section import Spindle
 
 HAND = 200.0
 """Force, N, by which a person pushes at a shaft (Lou et al. 2019, Figure 15: pushes by hand, up to some 200 N)."""

@@ -30,6 +30,7 @@ from rotary_error_monitor.description.response import Response
 from rotary_error_monitor.description.sections import Place, Section, WrongError, stated
 from rotary_error_monitor.description.sensor_places import heads_at_one_place, sensors_at_one_place
 from rotary_error_monitor.description.sensor_section import OWN_KINDS, READ_HEAD, SHAFT_FORCE, SensorSection, check_unit
+from rotary_error_monitor.description.spindle_section import Spindle
 from rotary_error_monitor.description.stage_limits import StageLimits
 from rotary_error_monitor.description.two_axis_section import (
     DISTORTIONS,
@@ -46,7 +47,6 @@ MOST_STREAMS = 51
 travel, holds."""
 
 Count = Annotated[int, Expected("a whole number from 1", 1, 100_000_000)]
-Compliance = Annotated[float, Expected("a compliance in m/N or rad/N", -0.001, 0.001)]
 
 
 @dataclass(frozen=True)
@@ -93,21 +93,6 @@ class Mirror:
         PlanarTable | None,
         Expected("a curve over the rotation: {file: NAME.csv} or {angles, x, y, uncertainties} in rad"),
     ] = None
-
-
-@dataclass(frozen=True)
-class Spindle:
-    """Known error motion: radial at the ring and axial (m), tilt (rad), compliances (m/N, rad/N), drift (m/K).
-
-    The rows of `axial` are `cos * cos(order * theta) + sin * sin(order * theta)`.
-    """
-
-    radial: Annotated[PlaneWaves, Expected("at most 500 rows {order, x: [cos, sin], y: [cos, sin]} in m")] = ()
-    tilt: Annotated[PlaneWaves, Expected("at most 500 rows {order, x: [cos, sin], y: [cos, sin]} in rad")] = ()
-    radial_compliance: Annotated[Compliance, Expected("radial displacement per force in m/N")] = 0.0
-    tilt_compliance: Annotated[Compliance, Expected("tilt per force in rad/N")] = 0.0
-    radial_thermal: Annotated[DisplacementPair, Expected("[x, y] in m/K, each at most 10 mm/K")] = (0.0, 0.0)
-    axial: Annotated[Waves, Expected("axial error motion: at most 500 rows {order, cos, sin} in m")] = ()
 
 
 Sign = Literal[1, -1]
