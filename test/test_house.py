@@ -46,14 +46,10 @@ def tree_of(path: Path) -> ast.Module:
 
 
 @cache
-def imports(path: Path, typed: bool = True) -> set[str]:
-    """Names that a file imports; `typed`: also those that only types need."""
-    found, tree = set(), tree_of(path)
-    only = [node for node in ast.walk(tree) if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"]
-    left_out = set() if typed else {id(inner) for node in only for inner in ast.walk(node)}
-    for node in ast.walk(tree):
-        if id(node) in left_out:
-            continue
+def imports(path: Path) -> set[str]:
+    """Names that a file imports, those that only types need as well."""
+    found = set()
+    for node in ast.walk(tree_of(path)):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -251,8 +247,8 @@ def test_a_name_of_a_column_is_told_from_other_words(code, is_named):
 
 
 def below(path: Path) -> set[Path]:
-    """Files of the package that a file imports, those for types alone left out."""
-    parts = [name.split(".")[1:] for name in imports(path, typed=False) if name.split(".")[0] == PACKAGE.name]
+    """Files of the package that a file imports, be it in a function or for types alone."""
+    parts = [name.split(".")[1:] for name in imports(path) if name.split(".")[0] == PACKAGE.name]
     named = [part[:count] for part in parts for count in (len(part) - 1, len(part)) if count]
     return {file for part in named if (file := PACKAGE.joinpath(*part).with_suffix(".py")).is_file()}
 
