@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 import yaml
 from draws import seeds
+from faults.documenting import Row, shows
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability, QosReliability
 
@@ -277,6 +278,16 @@ def test_a_disk_that_cannot_store_is_said(tmp_path: Path, monkeypatch: pytest.Mo
     writer.close()  # what has stopped can be closed
 
 
+@shows(
+    Row(
+        "files",
+        "The disk turns read-only while it is recorded to",
+        "`recording`: ERROR, and in the log: read-only file system",
+        "recording stops; what was written is kept",
+        "everything else goes on",
+        "a new recording; `recover` makes the old one whole",
+    )
+)
 def test_a_disk_that_turns_read_only_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As a kernel makes it after an error: nothing can be written, made longer, renamed or removed any more."""
     writer = BagWriter(tmp_path / "bag", [TOPIC], flush_period=0.0)

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from bags.conftest import START, assert_same
+from faults.documenting import Row, shows
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -163,6 +164,16 @@ def test_a_sample_that_is_not_finite_is_found(value: float) -> None:
         BlockDecoder().decode(encode(block))
 
 
+@shows(
+    Row(
+        "messages",
+        "A message of a stream has wrong types, byte order, sizes or encoding, no samples, or ends early",
+        "`refused …` of each node that listens, at once: which field, what it says and what is needed",
+        "the message is refused, the stream goes on",
+        "everything",
+        "with the next message",
+    )
+)
 def test_wrong_layouts_are_refused() -> None:
     field = ros.sensor_msgs__msg__PointField
     float32 = [field("t", 0, 8, 1), field("angle", 8, 7, 1), field("velocity", 16, 8, 1)]
