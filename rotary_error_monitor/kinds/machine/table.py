@@ -13,12 +13,10 @@ from rotary_error_monitor.effects.effect import AnyEffect, Cause, Searched, valu
 from rotary_error_monitor.effects.machine_effect import LINEAR, MachineEffect
 from rotary_error_monitor.gap.problem import Candidate, Conditions, Rows
 from rotary_error_monitor.gap.table import TableProblem, acting
+from rotary_error_monitor.kinds.machine.periods import FEWEST_PLACES, count_places, find_period
 from rotary_error_monitor.twin.machine import MachineRecording, predict_probe
 
 FOLDS = 6
-
-PERIODS = (2e-3, 0.5)
-"""Shortest and longest period of a cyclic error that is searched, m."""
 
 
 class MachineTable(TableProblem[None]):
@@ -106,8 +104,7 @@ class MachineTable(TableProblem[None]):
             if effect.searched is Searched.ORDER:
                 yield from self._harmonics(effect, place, len(places))
             elif effect.searched is Searched.WAVE:
-                start, trials = self._period(effect, place, rest)
-                yield Candidate(effect, place, start, -float(np.log(len(places) * trials)))
+                yield from self._waves(effect, place, len(places), rest)
             else:
                 yield Candidate(effect, place, effect.start(place), -float(np.log(len(places))))
 
@@ -120,42 +117,26 @@ class MachineTable(TableProblem[None]):
             prior = -float(np.log(order * places * np.sum(1 / np.arange(1, most + 1))))
             yield Candidate(effect, place, start, prior)
 
-    def _period(self, effect: AnyEffect, place: str, rest: Rows) -> tuple[Array, int]:
-        """Period with the most power along the axis, from a Lomb-Scargle scan of the positions."""
-        column = self.machine.letters.index(place)
-        position = self.recording.positions[:, column]
+    def _waves(self, effect: AnyEffect, place: str, places: int, rest: Rows) -> Iterator[Candidate]:
+        """The wave that explains most along an axis, if that stood at enough places to tell one."""
+        kept = self.kept
+        position = self.recording.positions[kept, self.machine.letters.index(place)]
+        if count_places(position) < FEWEST_PLACES:
+            return
+        start, white = effect.start(place), np.stack([rest[channel][:, 0] for channel in self.channels])
+        signal = np.sum(white * self._along(effect, place), axis=0)[kept]
+        start[effect.slices()["period"]], trials = find_period(position, signal, places * len(self.effects))
+        yield Candidate(effect, place, start, -float(np.log(places * trials)))
+
+    def _along(self, effect: AnyEffect, place: str) -> Array:
+        """(3, n) direction in which the error of an axis shows at the poses."""
+        position = self.recording.positions[:, self.machine.letters.index(place)]
         unit = effect.start(place)
-        # Cosine and sine of the longest period, each times its own wave, add up to a constant: the direction in which
-        # the axis's error shows.
+        # Cosine and sine of the longest period, each times its own wave, add up to a constant.
         longest = float(effect.bounds()[1][effect.slices()["period"]][0])
         shown = np.zeros_like(self.measured)
         for name, wave in (("cos", np.cos), ("sin", np.sin)):
             long, size = unit.copy(), effect.slices()[name]
             long[effect.slices()["period"]], long[size] = longest, effect.scales()[size]
             shown += wave(2 * np.pi * position / longest) * self.shown((Cause(effect, place, long),))
-        along = shown / np.maximum(np.linalg.norm(shown, axis=0), np.finfo(np.float64).tiny)
-        signal = np.sum(np.stack([rest[channel][:, 0] for channel in self.channels]) * along, axis=0)
-        span = float(np.ptp(position))
-        best = find_frequency(position, signal, 1 / PERIODS[1], 1 / PERIODS[0])
-        start = unit.copy()
-        start[effect.slices()["period"]] = 1 / best
-        return start, max(int(span * (1 / PERIODS[0] - 1 / PERIODS[1])), 1)
-
-
-def find_frequency(position: Array, signal: Array, lowest: float, highest: float) -> float:
-    """Frequency, 1/m, of the wave with the most power in a signal at positions that are not evenly spaced.
-
-    The signal is first summed into cells a twentieth of the shortest wave wide, so that one fast transform sees all
-    frequencies a fifth of the resolution apart; near the best of them the positions count as they are.
-    """
-    span = float(np.ptp(position))
-    width = 0.05 / highest
-    sums = np.bincount(((position - position.min()) / width).astype(np.intp), signal)
-    length = int(2 ** np.ceil(np.log2(5 * span / width)))
-    power = np.square(np.abs(np.fft.rfft(sums, length)))
-    frequencies = np.arange(len(power)) / (length * width)
-    allowed = (frequencies >= lowest) & (frequencies <= highest)
-    best = float(frequencies[int(np.argmax(np.where(allowed, power, -1.0)))])
-    fine = np.clip(best + np.linspace(-0.2, 0.2, 41) / span, lowest, highest)
-    exact = np.abs(np.exp(-2j * np.pi * np.outer(fine, position)) @ signal)
-    return float(fine[int(np.argmax(exact))])
+        return np.asarray(shown / np.maximum(np.linalg.norm(shown, axis=0), np.finfo(np.float64).tiny), np.float64)

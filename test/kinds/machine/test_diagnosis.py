@@ -15,8 +15,8 @@ from rotary_error_monitor.effects.machine_effect import MachineEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.verdict import Verdict
+from rotary_error_monitor.kinds.machine.periods import find_frequency
 from rotary_error_monitor.kinds.machine.problem import PROBE_STD, MachineProblem
-from rotary_error_monitor.kinds.machine.table import find_frequency
 from rotary_error_monitor.twin.machine import MachineRecording, predict_probe
 
 EFFECTS = load_effects(MachineEffect)
