@@ -6,8 +6,8 @@ of one standard uncertainty of each parameter, both over the noise, what stands 
     size^2 = y' (1 + N N')^-1 y
 
 the square of the distance, in standard deviations, between the recording with the fault and any that the twin allows.
-What all heads see alike must stand out of the rotor's jitter as well, at each frequency. All signals are those of the
-plant.
+What all heads see alike must stand out of the rotor's jitter as well, and what an autocollimator sees of the air's
+turbulence, each at each frequency. All signals are those of the plant.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.fft import dct
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.cases.departures import Part, acting
@@ -23,6 +24,7 @@ from rotary_error_monitor.cases.faults import make_fault
 from rotary_error_monitor.cases.making import MachineCase, StageCase
 from rotary_error_monitor.cases.response import INPUTS, TRACKER_NOISE, noise_of, times_of
 from rotary_error_monitor.description.machine import MachineDescription
+from rotary_error_monitor.description.stage import Turbulence
 from rotary_error_monitor.machine.uncertainty import uncertain_shifts
 from rotary_error_monitor.plant.machine import MachineFault, MachinePlant
 from rotary_error_monitor.plant.stage import HEAD, Fault, StagePlant
@@ -103,14 +105,32 @@ def _measure_of(plain: StagePlant, duration: float) -> Callable[[StagePlant], Ar
     times = {stream: times_of(plain, stream, duration) for stream in sensors}
     noise = {stream: noise_of(plain.stage, stream) for stream in sensors}
     heads = [stream for stream in sensors if stream.startswith(HEAD)]
+    air = plain.stage.tilt_instrument.turbulence
+
+    def over_noise(plant: StagePlant, stream: str) -> Array:
+        shown = plant.signal(stream, times[stream])
+        slow = air if stream == "autocollimator" else None
+        return shown.ravel() / noise[stream] if slow is None else _white(shown, times[stream], noise[stream], slow)
 
     def measure(plant: StagePlant) -> Array:
         read = np.stack([plant.signal(head, times[heads[0]])[:, 0] for head in heads])
         parts = [((read - read.mean(axis=0)) / noise[heads[0]]).ravel()]
-        parts += [plant.signal(s, times[s]).ravel() / noise[s] for s in sensors if s not in heads]
+        parts += [over_noise(plant, stream) for stream in sensors if stream not in heads]
         return np.asarray(np.concatenate(parts), np.float64)
 
     return measure
+
+
+def _white(shown: Array, time: Array, noise: float, air: Turbulence) -> Array:
+    """Signals (n, k) over white noise and turbulence (Ornstein-Uhlenbeck) together, at each frequency.
+
+    Cosines over the recording: a drift does not jump from its end to its beginning, as waves have it.
+    """
+    period = float(np.ptp(time)) / (len(time) - 1)
+    frequency = np.arange(len(time)) / (2 * period * len(time))
+    slow = 2 * air.std**2 * air.correlation_time / (1 + (2 * np.pi * frequency * air.correlation_time) ** 2)
+    white = dct(shown, axis=0, norm="ortho") / np.sqrt(noise**2 + slow / period)[:, None]
+    return np.asarray(white.ravel(), np.float64)
 
 
 def _machine_sizes(case: MachineCase, pairs: Sequence[tuple[Parts, Parts]]) -> list[float]:

@@ -29,6 +29,7 @@ from rotary_error_monitor.cases.case_faults import LOUDEST
 from rotary_error_monitor.cases.departures import SHARES
 from rotary_error_monitor.cases.faults import UnsuitableSeedError
 from rotary_error_monitor.cases.making import make_machine_case, make_stage_case
+from rotary_error_monitor.cases.response import noise_of, times_of
 from rotary_error_monitor.cases.roughness import MACHINE_UNCERTAINTY, STAGE_UNCERTAINTY
 from rotary_error_monitor.cli import main
 from rotary_error_monitor.errors import InputError
@@ -52,6 +53,18 @@ def test_a_fault_like_an_uncertain_parameter_stands_out_by_its_uncertainty():
     known = np.hypot(STAGE_UNCERTAINTY["mirror.tilt"], STAGE_UNCERTAINTY["spindle.tilt"])
     assert tilt / known * 0.8 < size < tilt / STAGE_UNCERTAINTY["mirror.tilt"] * 1.05
     assert size < 0.2 * np.linalg.norm(list(case.truth.snr.values()))
+
+
+@pytest.mark.parametrize("effect", ["autocollimator_drift", "autocollimator_gain"])
+def test_what_turbulence_hides_does_not_stand_out(effect):
+    """Against the covariance of noise and turbulence: over white noise alone a drift stood out ten times as far."""
+    case = make_stage_case(3, "single", [effect], rough=True, duration=8.0)
+    (size,) = sizes_beyond_uncertainty(replace(case, twin=replace(case.twin, uncertainty={})), 8.0)
+    time, air = times_of(case.plant, "autocollimator", 8.0), case.plant.stage.tilt_instrument.turbulence
+    shown = case.plant.signal("autocollimator", time) - replace(case.plant, faults=()).signal("autocollimator", time)
+    covariance = air.std**2 * np.exp(-np.abs(time[:, None] - time) / air.correlation_time)
+    covariance += noise_of(case.plant.stage, "autocollimator") ** 2 * np.eye(len(time))
+    assert size == pytest.approx(np.sqrt(np.sum(shown * np.linalg.solve(covariance, shown))), rel=0.1)
 
 
 def test_a_machine_fault_like_an_uncertain_parameter():
