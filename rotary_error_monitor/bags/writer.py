@@ -102,9 +102,8 @@ class BagWriter:
         self._topics = {topic.name: topic for topic in topics}
         self._definitions = {topic.type: _definition(topic) for topic in self._topics.values()}
         check_kept(keep_size, keep_duration, max_file_size, max_file_duration)
-        self._limits = max_file_size, max_file_duration
+        self._limits, self._periods = (max_file_size, max_file_duration), (flush_period, sync_period)
         self._compression = CompressionType[compression.upper()]
-        self._periods = flush_period, sync_period
         self._clock = clock
         self._flushed = self._synced = clock()
         self._closed = False
@@ -112,6 +111,10 @@ class BagWriter:
         self._kept = KeptFiles(keep_size, keep_duration)
         self._counts_before: Counter[str] = Counter()
         self._ending: list[RecordFile] = []
+        self._begin()
+
+    def _begin(self) -> None:
+        """Make the folder and begin its first file; where that fails, leave nothing locked or reserved."""
         self._lock = _new_folder(self.folder)
         self._home, self.locked = self._lock.path, self._lock.held
         with ExitStack() as undo:
