@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from rotary_error_monitor.arrays import Array, Mask
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.rotor import HEAD
+from rotary_error_monitor.noise.channels import channels_of, noise_std
 from rotary_error_monitor.noise.head_grid import HeadRows, align_heads, rate_of, weight_of_rows
 from rotary_error_monitor.noise.jitter import Jitter
 from rotary_error_monitor.noise.lost_samples import (
@@ -42,30 +43,13 @@ from rotary_error_monitor.noise.lost_samples import (
 )
 from rotary_error_monitor.noise.slow_noise import Cells, SlowNoise, cells_of
 from rotary_error_monitor.noise.spikes import find_head_spikes, find_spikes
-from rotary_error_monitor.noise.whitening import Whitener, drift_predictor, few_at_once, predictor, runs_of, segments_of
-from rotary_error_monitor.sensors.library import COMMAND, instrument_of, sensor_kinds, sensor_of
+from rotary_error_monitor.noise.turbulence import drift_predictors
+from rotary_error_monitor.noise.whitening import Whitener, few_at_once, predictor, runs_of, segments_of
+from rotary_error_monitor.sensors.library import COMMAND, instrument_of, sensor_of
 from rotary_error_monitor.twin.recording import StageRecording, Stream
 
 CELLS = 480
 """Cells of a recording in which slow noise is the same: eight to a wave of its highest order, 120 half periods."""
-
-
-def noise_std(stage: StageDescription) -> dict[str, float]:
-    """Standard deviation of one sample of each instrument as the stage states it, rounding included, rad or m.
-
-    Instruments are what `instrument_of` says; a kind of which the stage has none has 0.
-    """
-    found: dict[str, float] = {}
-    for kind, sensor in sensor_kinds().items():
-        streams = sensor.streams(stage)
-        found |= {instrument_of(stream): sensor.noise(stage, stream) for stream in streams} if streams else {kind: 0.0}
-    return found
-
-
-def channels_of(stream: str) -> tuple[str, ...]:
-    """Names of a sensor's channels, one for each of its fields: `lvdt.x` and `lvdt.y`, `axial_probe_top` alone."""
-    fields = sensor_of(stream).fields
-    return (stream,) if len(fields) == 1 else tuple(f"{stream}.{axis}" for axis, _ in zip("xyz", fields, strict=False))
 
 
 class StageNoise:
@@ -406,13 +390,8 @@ class StageNoise:
 
     def _turbulence_filters(self) -> dict[str, Whitener]:
         """Of the sensors whose noise has a slow part."""
-        return {
-            name: drift_predictor(
-                slow.std, slow.correlation_time, self.std[instrument_of(name)], self._streams[name].period
-            )
-            for name, slow in self._turbulence.items()
-            if slow is not None and slow.std > 0
-        }
+        white = {name: self.std[instrument_of(name)] for name in self._sensors}
+        return drift_predictors(self._turbulence, white, self._streams)
 
     def _command_filter(self) -> Whitener:
         if not self.grid.heads:  # no rows that it would make white

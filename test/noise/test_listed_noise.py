@@ -18,7 +18,8 @@ from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.noise_level import LOUDEST
 from rotary_error_monitor.gap.verdict import Verdict
 from rotary_error_monitor.kinds.stage.problem import StageProblem
-from rotary_error_monitor.noise.stage_noise import StageNoise, channels_of, noise_std
+from rotary_error_monitor.noise.channels import channels_of, noise_std
+from rotary_error_monitor.noise.stage_noise import StageNoise
 from rotary_error_monitor.sensors.library import instrument_of, is_listed
 from rotary_error_monitor.twin.recording import record_stage
 

@@ -44,7 +44,8 @@ from rotary_error_monitor.kinds.stage.search import StageSearch, effects_in
 from rotary_error_monitor.kinds.stage.signatures import KeptSignatures
 from rotary_error_monitor.kinds.stage.tracks import Tracks
 from rotary_error_monitor.kinds.stage.where import stage_where
-from rotary_error_monitor.noise.stage_noise import StageNoise, noise_std
+from rotary_error_monitor.noise.channels import noise_std
+from rotary_error_monitor.noise.stage_noise import StageNoise
 from rotary_error_monitor.noise.whitening import side_by_side
 from rotary_error_monitor.sensors.library import COMMAND, instrument_of, sensor_of
 from rotary_error_monitor.twin.recording import StageRecording, fields_of

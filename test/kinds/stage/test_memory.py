@@ -11,7 +11,7 @@ from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.verdict import Verdict
 from rotary_error_monitor.kinds.stage.stretches import LongStageProblem
-from rotary_error_monitor.noise.stage_noise import noise_std
+from rotary_error_monitor.noise.channels import noise_std
 from rotary_error_monitor.sensors.library import instrument_of
 from rotary_error_monitor.twin.recording import StageRecording, Stream
 from rotary_error_monitor.twin.stage import twin_of
