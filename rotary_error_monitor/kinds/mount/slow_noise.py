@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.gap.known_effects import KnownEffects
 from rotary_error_monitor.gap.problem import Columns
-from rotary_error_monitor.gap.slow_noise import SIZES, Rivals, cosines, evidence_of_slow_noise, learn_slow_noise
+from rotary_error_monitor.gap.slow_evidence import SIZES
+from rotary_error_monitor.gap.slow_noise import Rivals, cosines, evidence_of_slow_noise, learn_slow_noise
 from rotary_error_monitor.kinds.mount.course import POWERS
 from rotary_error_monitor.kinds.mount.sky import estimate_repeatability, unshared
 from rotary_error_monitor.kinds.mount.twin import MountRecording
