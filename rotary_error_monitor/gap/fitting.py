@@ -13,6 +13,7 @@ from rotary_error_monitor.gap.bounded import solve_within
 from rotary_error_monitor.gap.departures import Departures, WithSlowNoise
 from rotary_error_monitor.gap.normal import (
     BlockNormal,
+    Normal,
     acting_on,
     combine,
     grams_by_channel,
@@ -130,9 +131,7 @@ def fit_causes(
     extra = sum(map(width_of, departing))
     # Columns that stay as they are from step to step come first: their products with one another are summed once.
     fixed = [uncertain, *departing]
-    leading = None if known is None else known.beside(uncertain, problem)
-    if leading is None:
-        leading = own_products(problem, uncertain) if near is None else near.blocks.gram[:, :count, :count]
+    leading = _leading(problem, uncertain, near, known)
     settled = _SETTLED if near is None else _NEARLY_SETTLED
     for step in range(MOST_STEPS + 1):
         columns = tuple(_columns(problem, fitted))
@@ -140,10 +139,7 @@ def fit_causes(
         leading = stacked.gram[:, : count + extra, : count + extra]
         last = len(stacked.moment[0]) - extra
         order = np.r_[:count, count + extra : last + extra, count : count + extra]
-        total = stacked.total().reordered(order)
-        gram = total.gram + np.diag(np.repeat([1.0, 1e-12, 1.0], [count, last - count, extra]))
-        solved = solve_scaled(gram, np.column_stack([total.moment, np.eye(len(gram))]))
-        change, covariance = _held(fitted, count, gram, total.moment, solved[:, 0]), solved[:, 1:]
+        total, gram, change, covariance = _solved(stacked.total().reordered(order), fitted, count, extra)
         if step == MOST_STEPS or not fitted or _gain(change[count:last], covariance[count:last, count:last]) < settled:
             break
         fitted, data = _predictable(problem, fitted, _moved(fitted, change[count:last]))
@@ -151,13 +147,39 @@ def fit_causes(
     # Beside the causes as they are, not as the last step, which was not taken, would have them.
     beside = np.r_[:count, last : len(gram)]
     moved = np.split(solve_scaled(gram[np.ix_(beside, beside)], total.moment[beside]), [count])
-    taken = combine(problem, [uncertain, *departing], [moved[0], *_split(moved[1], departing)])
-    rest = subtract(data, taken) if count or extra else data
+    rest = _left(problem, data, fixed, [moved[0], *_split(moved[1], departing)])
     blocks = stacked.reordered(order) if extra else stacked
     sizes = _sizes(problem, columns, departing) if departing else None
     return Fit(
         fitted, spread, data, uncertain, moved[0], columns, rest, blocks, tuple(departures), moved[1], sizes=sizes
     )
+
+
+def _leading(problem: Problem, uncertain: Columns, near: Fit | None, known: KnownProducts | None) -> Array | None:
+    """Products of the columns of the uncertain parameters with one another, summed where nothing has them.
+
+    None as `own_products`.
+    """
+    found = None if known is None else known.beside(uncertain, problem)
+    if found is not None:
+        return found
+    count = width_of(uncertain)
+    return own_products(problem, uncertain) if near is None else near.blocks.gram[:, :count, :count]
+
+
+def _solved(total: Normal, fitted: Sequence[Cause], count: int, extra: int) -> tuple[Normal, Array, Array, Array]:
+    """The normal equations, their matrix with the priors, the change that solves them, and its covariance.
+
+    Those of `count` uncertain parameters come first, then the values of the causes, then `extra` departures.
+    """
+    gram = total.gram + np.diag(np.repeat([1.0, 1e-12, 1.0], [count, len(total.gram) - count - extra, extra]))
+    solved = solve_scaled(gram, np.column_stack([total.moment, np.eye(len(gram))]))
+    return total, gram, _held(fitted, count, gram, total.moment, solved[:, 0]), solved[:, 1:]
+
+
+def _left(problem: Problem, data: Rows, columns: Sequence[Columns], sizes: Sequence[Array]) -> Rows:
+    """Data without what columns of these sizes take of it."""
+    return subtract(data, combine(problem, columns, sizes)) if any(map(width_of, columns)) else data
 
 
 def stacked_beside(problem: Problem, fit: Fit, columns: Sequence[Columns]) -> BlockNormal:
