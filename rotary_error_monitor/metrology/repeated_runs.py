@@ -119,12 +119,7 @@ def combine_runs(
         InputError: no run, a run that cannot be evaluated or is of no direction, or a part of the way that no run of
             a direction covers.
     """
-    if not runs:
-        raise InputError("no run; give at least one")
-    for run in runs:
-        check_profile(run.positions, run.readings)
-    if {run.direction for run in runs} - {1, -1}:
-        raise InputError(f"directions {sorted({run.direction for run in runs})}: +1 and -1 are known")
+    _check_runs(runs)
     if (stops := _common_stops(runs, position_noise)) is None:
         return _combine_scans(runs, spacing)
     positions, indices = stops
@@ -144,6 +139,20 @@ def combine_runs(
             tables[outlier.direction][outlier.target, outlier.cycle] = np.nan
         tables = {sign: table - _heights(table) for sign, table in tables.items()}
     return _average(positions, tables, outliers)
+
+
+def _check_runs(runs: Sequence[Run]) -> None:
+    """Refuse no run at all, one that cannot be evaluated, or of no direction.
+
+    Raises:
+        InputError: as `combine_runs`.
+    """
+    if not runs:
+        raise InputError("no run; give at least one")
+    for run in runs:
+        check_profile(run.positions, run.readings)
+    if {run.direction for run in runs} - {1, -1}:
+        raise InputError(f"directions {sorted({run.direction for run in runs})}: +1 and -1 are known")
 
 
 def _tabulate(runs: Sequence[Run], positions: Array, indices: Sequence[NDArray[np.int64]]) -> dict[int, Array]:

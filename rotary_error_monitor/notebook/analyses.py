@@ -182,13 +182,12 @@ def analyse(
         True
     """
     path, naming = bag_of(recording, cell, topics)
-    file = None if stage is None else Path(stage)
+    file, other = (None if each is None else Path(each) for each in (stage, against))
     for height in heights:
         check_height(height, HIGHEST, "m", f"heights has {height}")
     check_waves(waves, f"waves is {waves}")
     joined_ns = max_gap_of(max_gap, NANOSECONDS, f"max_gap is {max_gap} s")
     question = Question(limits_of(_words(limits), file, "limits"), sorted(set(heights)), waves, naming, joined_ns)
-    other = None if against is None else Path(against)
     files = FileAnalysis(path, file, None if machine is None else str(machine), question, {}, other)
     result, changes = files.analyse()
     return Analysis(files, sealed(result), changes)

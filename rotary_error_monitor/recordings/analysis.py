@@ -194,7 +194,6 @@ def analyse_bag(
     acting = streams.acting(stage)
     temperatures = {name.partition(",")[0]: each for name, each in acting.items() if name.endswith("°C")}
     outcome, judged = judge(segments, question.limits)
-    used = wire.used_streams
     return Analysis(
         outcome,
         judged,
@@ -204,7 +203,7 @@ def analyse_bag(
         _stays(estimates, streams, stage),
         estimates.tool_offset,
         tuple(streams.health),
-        estimates.fall_outs({name: used.mask([name]) for name in used.bits}),
+        estimates.fall_outs({name: wire.used_streams.mask([name]) for name in wire.used_streams.bits}),
         acting,
         replay.span_ns,
         estimates.period_ns * 1e-9,
