@@ -7,6 +7,7 @@ them. The two are weighed against one another, cause by cause, on the channels t
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol, runtime_checkable
@@ -42,6 +43,9 @@ PRIOR_OF_KNOWN = 0.5
 NO_DEPARTURE = 0.5
 """Part of a cause's power: where its textbook form leaves more, departures need not be looked at. They would be of 70 %
 of the cause, seven standard deviations of their prior, and something unknown is always likelier."""
+
+CANCELLING = 1e-4
+"""Part of a cause's power below which what it does together with others is rounding."""
 
 
 @runtime_checkable
@@ -141,7 +145,7 @@ def weigh_against_unknown(
     powers = powers_of(problem, fit)
     whole = summed(powers)
     left = _left_in(problem, fit, [f for f in findings if f.log_p_value < log_alarm], whole)
-    shares = _shares(fit)
+    shares, cancelled = _shares(fit), times_cancelled(fit)
     settled = not is_structured(
         findings, log_alarm, {**dict.fromkeys(fit.rest, 0.0), **_in_second_order(powers, shares)}
     )
@@ -149,7 +153,9 @@ def weigh_against_unknown(
     credit = -float(np.log(PRIOR_OF_UNKNOWN)) if settled and not problem.m_open else 0.0
     prior = float(np.log(PRIOR_OF_KNOWN / effects)) + credit
     log_odds, near = [], False
-    for cause, power, part, share in zip(fit.causes, powers, _own_parts(fit), shares, strict=True):
+    # Of causes that cancel one another a departure is a part of what they do together.
+    parts = zip(fit.causes, powers, _own_parts(fit), shares * cancelled, strict=True)
+    for cause, power, part, share in parts:
         own, total = {channel: part * value for channel, value in power.items()}, sum(power.values()) or 1.0
         fair = max(share, SHARE) ** 2
         kept = {channel: value / (left[channel] + fair * value) for channel, value in own.items()}
@@ -248,6 +254,27 @@ def _shares(fit: Fit) -> Array:
     for fitted in departures_of(fit):
         squares[fitted.departures.cause] += fitted.size() ** 2
     return np.sqrt(squares)
+
+
+def times_cancelled(fit: Fit) -> Array:
+    """(k,) how many times larger each cause is than what it does together with those that cancel it, at least one.
+
+    Two that nearly cancel may each be of any size, and a tenth of each as large as all that is there: a departure of
+    that is no fair one of what a recording shows.
+    """
+    gram, first = fit.blocks.total().gram, len(fit.nuisance_values)
+    places = first + np.concatenate([[0], np.cumsum([width_of(columns) for columns in fit.columns])]).astype(np.intp)
+    last, count = int(places[-1]), len(fit.causes)
+    acting = np.zeros((count, last))
+    for k, cause in enumerate(fit.causes):
+        acting[k, places[k] : places[k + 1]] = amplitudes_of(cause)
+    products = acting @ gram[:last, :last] @ acting.T
+    sets = np.array([*itertools.product([0.0, 1.0], repeat=count)])
+    together = np.einsum("sk,kl,sl->s", sets, products, sets)
+    powers = np.diag(products)
+    least = np.array([np.min(together[sets[:, k] > 0]) for k in range(count)])
+    shown = np.maximum(least, np.maximum(powers * CANCELLING, np.finfo(np.float64).tiny))
+    return np.asarray(np.sqrt(np.maximum(powers / shown, 1.0)), np.float64)
 
 
 def _own_parts(fit: Fit) -> list[float]:
