@@ -76,6 +76,8 @@ def test_what_an_axis_does_at_two_places_is_no_wave():
     named = []
     for seed in range(310, 314):
         problem = stands_at([-0.95, 0.9], seed, lambda z, passed: -60 * z * (1 + 0.06 * z + 0.2 * (passed - 0.5)))
-        named += [found.cause.effect.name for found in diagnose(problem).causes]
+        diagnosis = diagnose(problem)
+        named += [found.cause.effect.name for found in diagnosis.causes]
+        assert any("Z stood at 2 places" in remark for remark in diagnosis.remarks)
     assert "cyclic_error" not in named
     assert sum(name == "axis_scale" for name in named) >= 3, named
