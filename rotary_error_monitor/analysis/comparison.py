@@ -10,7 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
-from rotary_error_monitor.analysis.rotation import ArrayCourse, Course, span_of
+from rotary_error_monitor.analysis.rotation import ArrayCourse, RotationCourse, span_of
 from rotary_error_monitor.arrays import Array, Times
 from rotary_error_monitor.description.stage import Lvdt
 from rotary_error_monitor.errors import InputError
@@ -64,7 +64,7 @@ class Stay:
     comparison: LvdtAgreement
 
 
-class LongMotion(Course, Protocol):
+class LongMotion(RotationCourse, Protocol):
     """Error motion over time, of which a part is looked at at once."""
 
     def motion(self, first: int, last: int) -> tuple[Times, ErrorMotion]:

@@ -12,7 +12,7 @@ import numpy as np
 from rotary_error_monitor.analysis.result import Figure
 from rotary_error_monitor.analysis.runs import ALIKE
 from rotary_error_monitor.analysis.trend import Reach, Series, Trend, estimate_trend
-from rotary_error_monitor.analysis.verdict import Judged, Outcome, Told, judge_values
+from rotary_error_monitor.analysis.verdict import Conformity, Judged, Told, judge_values
 from rotary_error_monitor.description.error_motion_limits import ErrorMotionLimits
 from rotary_error_monitor.metrology.spindle_figures import COVERAGE, Value
 
@@ -76,7 +76,7 @@ class StageHistory:
     cell: str
     recordings: tuple[Recorded, ...]
     trends: tuple[Trend, ...]
-    outcome: Outcome
+    outcome: Conformity
     standings: tuple[Standing, ...]
     copies: tuple[str, ...]
 
@@ -168,9 +168,11 @@ def _told(row: Recorded) -> Iterator[Told]:
             yield Told(signal.partition("_")[0], name, value, figure.segment, signal)
 
 
-def _standing(number: int, judged: Sequence[tuple[Outcome, tuple[Judged, ...]]], trends: Sequence[Trend]) -> Standing:
+def _standing(
+    number: int, judged: Sequence[tuple[Conformity, tuple[Judged, ...]]], trends: Sequence[Trend]
+) -> Standing:
     now = judged[-1][1][number]
-    beyond = [place for place, (_, rows) in enumerate(judged) if rows[number].outcome is Outcome.BEYOND]
+    beyond = [place for place, (_, rows) in enumerate(judged) if rows[number].outcome is Conformity.BEYOND]
     limited = [trend for trend in trends if _is_limited(trend.series, now.name)]
     own = [trend for trend in limited if trend.series.places[-1] == len(judged) - 1]  # of others nobody knows now
     closest = max(own, key=lambda trend: trend.now + trend.now_uncertainty, default=None)

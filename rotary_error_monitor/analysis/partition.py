@@ -23,7 +23,7 @@ LEAST_FOR_SLOPE = 3
 
 
 @dataclass(frozen=True)
-class Course:
+class LevelCourse:
     """Levels between steps, and a slope that all of them share.
 
     Attributes:
@@ -106,7 +106,7 @@ def partition(values: Array, variances: Array, penalty: float) -> tuple[int, ...
     return tuple(reversed(starts))
 
 
-def fit_course(times: Array, values: Array, variances: Array, false_alarms: float) -> Course:
+def fit_course(times: Array, values: Array, variances: Array, false_alarms: float) -> LevelCourse:
     """The likeliest course of constant, line, steps, and steps on a line, each term at the price of `penalty_of`.
 
     Args:
@@ -120,12 +120,12 @@ def fit_course(times: Array, values: Array, variances: Array, false_alarms: floa
     scale = float(np.sqrt(variances.min()))
     y, v = (values - shift) / scale, variances / scale**2
     steps = [_fit(times, y, v, starts, False) for starts in ((0,), partition(y, v, penalty))]
-    lines: list[Course] = []
+    lines: list[LevelCourse] = []
     if len(y) >= LEAST_FOR_SLOPE:
         lines.append(_fit(times, y, v, (0,), True))
         lines += [_steps_on_a_line(times, y, v, penalty, begin) for begin in (lines[0], steps[1])]
     found = min((*steps, *lines), key=lambda each: each.chi_square + penalty * each.terms)
-    return Course(
+    return LevelCourse(
         found.starts,
         found.levels * scale + shift,
         found.slope * scale,
@@ -136,7 +136,7 @@ def fit_course(times: Array, values: Array, variances: Array, false_alarms: floa
     )
 
 
-def _steps_on_a_line(times: Array, values: Array, variances: Array, penalty: float, begin: Course) -> Course:
+def _steps_on_a_line(times: Array, values: Array, variances: Array, penalty: float, begin: LevelCourse) -> LevelCourse:
     """Slope and steps in turn, from those of `begin` on, until the steps stay; then without those that do not pay.
 
     Steps that were found beside a wrong slope hold it in its place, each too small to be told by itself.
@@ -156,7 +156,7 @@ def _steps_on_a_line(times: Array, values: Array, variances: Array, penalty: flo
     return found
 
 
-def _fit(times: Array, values: Array, variances: Array, starts: tuple[int, ...], slope: bool) -> Course:
+def _fit(times: Array, values: Array, variances: Array, starts: tuple[int, ...], slope: bool) -> LevelCourse:
     """Weighted least squares of levels and, if `slope`, a slope."""
     number = np.searchsorted(starts, np.arange(len(values)), side="right") - 1
     weights = 1 / variances
@@ -171,4 +171,6 @@ def _fit(times: Array, values: Array, variances: Array, starts: tuple[int, ...],
         covariance[:-1, :-1] += np.outer(means[0], means[0]) / moment
         covariance[-1, :-1] = covariance[:-1, -1] = -means[0] / moment
     levels = means[1] - told * means[0]
-    return Course(starts, levels, told, slope and moment > 0, covariance, free, float(weights @ (y - told * t) ** 2))
+    return LevelCourse(
+        starts, levels, told, slope and moment > 0, covariance, free, float(weights @ (y - told * t) ** 2)
+    )

@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from rotary_error_monitor.analysis.rotation import Course, Stretch
+from rotary_error_monitor.analysis.rotation import RotationCourse, Stretch
 from rotary_error_monitor.analysis.runs import rests
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.errors import InputError
@@ -42,7 +42,7 @@ class Positioning:
     remarks: tuple[str, ...]
 
 
-class LongPositions(Course, Protocol):
+class LongPositions(RotationCourse, Protocol):
     """Rotation over time, and what it is off the command, of which a part is looked at at once."""
 
     def deviation(self, first: int, last: int) -> Array:

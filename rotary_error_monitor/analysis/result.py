@@ -12,7 +12,7 @@ from rotary_error_monitor.analysis.course import Drift, Samples
 from rotary_error_monitor.analysis.health import FallOut, StreamHealth
 from rotary_error_monitor.analysis.motion import SegmentFigures
 from rotary_error_monitor.analysis.positions import Positioning
-from rotary_error_monitor.analysis.verdict import Judged, Outcome
+from rotary_error_monitor.analysis.verdict import Conformity, Judged
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.metrology.spindle_figures import COVERAGE, Value
 
@@ -47,7 +47,7 @@ class Analysis:
         remarks: what a reader should know.
     """
 
-    outcome: Outcome
+    outcome: Conformity
     judged: tuple[Judged, ...]
     segments: tuple[SegmentFigures, ...]
     drifts: tuple[Drift, ...]

@@ -20,7 +20,7 @@ LONGEST_GAP_NS = 1_000_000_000
 """Longest time without an estimate within a run, ns."""
 
 
-class Course(Protocol):
+class RotationCourse(Protocol):
     """Rotation at n times, ascending."""
 
     def __len__(self) -> int:
@@ -52,7 +52,7 @@ class ArrayCourse:
         return int(np.searchsorted(self.times_ns, time_ns))
 
 
-def span_of(course: Course) -> tuple[int, int]:
+def span_of(course: RotationCourse) -> tuple[int, int]:
     """First and last timestamp (ns), of one sample at least."""
     return int(course.read(0, 1)[0][0]), int(course.read(len(course) - 1, len(course))[0][0])
 
@@ -76,7 +76,7 @@ class Moving:
     change: Array
 
 
-def speeds_in(course: Course, first: int, last: int) -> Moving:
+def speeds_in(course: RotationCourse, first: int, last: int) -> Moving:
     """Speeds from one sample to before another, the same whatever else is looked at with them."""
     times, _ = course.read(first, last)
     # the speed at the end of the window rests on samples to both of its own sides
@@ -92,7 +92,7 @@ def speeds_in(course: Course, first: int, last: int) -> Moving:
     return Moving(first, times[inside], theta[inside], speed[inside], change[inside])
 
 
-def moving_parts(course: Course) -> Iterator[Moving]:
+def moving_parts(course: RotationCourse) -> Iterator[Moving]:
     """All samples with their speeds, some at a time."""
     return (speeds_in(course, first, last) for first, last in parts_of(0, len(course)))
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.analysis.rotation import ArrayCourse, Course, Moving, Stretch, Stretches, moving_parts
+from rotary_error_monitor.analysis.rotation import ArrayCourse, Moving, RotationCourse, Stretch, Stretches, moving_parts
 from rotary_error_monitor.arrays import Array, Times
 
 STEADY = 0.02
@@ -57,7 +57,7 @@ def find_segments(times_ns: Times, theta: Array) -> tuple[Segment, ...]:
     return segments_of(ArrayCourse(times_ns, theta))
 
 
-def segments_of(course: Course) -> tuple[Segment, ...]:
+def segments_of(course: RotationCourse) -> tuple[Segment, ...]:
     """Segments in the order in which they begin.
 
     A direction in which no whole turn is made at a constant speed has one segment of all that turns, at changing speed:
@@ -82,7 +82,7 @@ def segments_of(course: Course) -> tuple[Segment, ...]:
     return tuple(sorted(found, key=lambda segment: segment.runs[0]))
 
 
-def rests(course: Course) -> list[Stretch]:
+def rests(course: RotationCourse) -> list[Stretch]:
     """Stretches in which the rotor stands."""
     if len(course) < 3:
         return []
@@ -93,12 +93,12 @@ def rests(course: Course) -> list[Stretch]:
     return standing.found
 
 
-def _least_speed(course: Course) -> float:
+def _least_speed(course: RotationCourse) -> float:
     """Speed above which the rotor turns, rad/s."""
     return max(MOVING * max(float(np.abs(part.speed).max()) for part in moving_parts(course)), LEAST_SPEED)
 
 
-def _constant(course: Course, runs: Sequence[Stretch]) -> list[Stretch]:
+def _constant(course: RotationCourse, runs: Sequence[Stretch]) -> list[Stretch]:
     """Runs in which speeds that change slowly stay within `ALIKE` of their middle.
 
     The middle is a median, which need not be known for that: only how many speeds are so fast that they would do.

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.analysis.rotation import Course
+from rotary_error_monitor.analysis.rotation import RotationCourse
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
@@ -61,7 +61,7 @@ class Estimates:
         return Estimates(*(getattr(self, each.name)[first:last] for each in fields(self)))
 
 
-class LongEstimates(Course, Protocol):
+class LongEstimates(RotationCourse, Protocol):
     """The same of any number of times, of which some are looked at at once."""
 
     def part(self, first: int, last: int) -> Estimates:

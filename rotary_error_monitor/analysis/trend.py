@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rotary_error_monitor.analysis.partition import Course, fit_course
+from rotary_error_monitor.analysis.partition import LevelCourse, fit_course
 from rotary_error_monitor.arrays import Array, Times
 from rotary_error_monitor.metrology.distributions import chi_square_tail
 from rotary_error_monitor.metrology.spindle_figures import COVERAGE
@@ -41,7 +41,7 @@ class Series:
 
 
 @dataclass(frozen=True)
-class Step:
+class TrendStep:
     """A change from one recording to the next.
 
     Attributes:
@@ -80,8 +80,8 @@ class Trend:
     """
 
     series: Series
-    course: Course
-    steps: tuple[Step, ...]
+    course: LevelCourse
+    steps: tuple[TrendStep, ...]
     scatter: float
     scatters: bool
 
@@ -171,12 +171,12 @@ def _widening(scatter: float) -> float:
     return max(1.0, scatter) if math.isfinite(scatter) else 1.0
 
 
-def _steps(series: Series, course: Course, days: Array, widening: float) -> Sequence[Step]:
+def _steps(series: Series, course: LevelCourse, days: Array, widening: float) -> Sequence[TrendStep]:
     found = []
     for number, start in enumerate(course.starts[1:], start=1):
         c = course.covariance
         levels = [float(course.levels[k] + course.slope * days[start]) for k in (number - 1, number)]
         variance = c[number, number] + c[number - 1, number - 1] - 2 * c[number, number - 1]
         places = series.places[start - 1], series.places[start]
-        found.append(Step(*places, levels[0], levels[1], COVERAGE * widening * math.sqrt(variance)))
+        found.append(TrendStep(*places, levels[0], levels[1], COVERAGE * widening * math.sqrt(variance)))
     return found

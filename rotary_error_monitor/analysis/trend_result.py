@@ -10,7 +10,7 @@ from typing import Any
 
 from rotary_error_monitor.analysis.history import StageHistory, Standing
 from rotary_error_monitor.analysis.trend import Trend
-from rotary_error_monitor.analysis.verdict import Outcome
+from rotary_error_monitor.analysis.verdict import Conformity
 from rotary_error_monitor.metrology.spindle_figures import COVERAGE
 
 
@@ -44,9 +44,9 @@ class FolderTrend:
     known: int
 
     @property
-    def outcome(self) -> Outcome:
+    def outcome(self) -> Conformity:
         """The worst of the stages, each by its latest recording."""
-        return Outcome.worst(stage.outcome for stage in self.stages)
+        return Conformity.worst(stage.outcome for stage in self.stages)
 
 
 def date_of(stamp_ns: int) -> str:

@@ -12,7 +12,7 @@ from rotary_error_monitor.description.error_motion_limits import ErrorMotionLimi
 from rotary_error_monitor.metrology.spindle_figures import Value
 
 
-class Outcome(Enum):
+class Conformity(Enum):
     """What is said of a stage, or of one limit."""
 
     WITHIN = "within"
@@ -23,10 +23,10 @@ class Outcome(Enum):
     @property
     def exit_code(self) -> int:
         """Of the command: 0 fine or not asked, 10 beyond, 11 neither is proven."""
-        return {Outcome.BEYOND: 10, Outcome.OPEN: 11}.get(self, 0)
+        return {Conformity.BEYOND: 10, Conformity.OPEN: 11}.get(self, 0)
 
     @classmethod
-    def worst(cls, of: Iterable[Outcome]) -> Outcome:
+    def worst(cls, of: Iterable[Conformity]) -> Conformity:
         """The worst of some: beyond, open, within; without any, no limits."""
         found = set(of)
         return next((each for each in (cls.BEYOND, cls.OPEN, cls.WITHIN) if each in found), cls.NO_LIMITS)
@@ -48,7 +48,7 @@ class Judged:
 
     name: str
     limit: float
-    outcome: Outcome
+    outcome: Conformity
     value: Value | None
     where: tuple[str, str]
     unit: str
@@ -75,15 +75,15 @@ class Told(NamedTuple):
     signal: str
 
 
-def judge(segments: Sequence[SegmentFigures], limits: ErrorMotionLimits) -> tuple[Outcome, tuple[Judged, ...]]:
+def judge(segments: Sequence[SegmentFigures], limits: ErrorMotionLimits) -> tuple[Conformity, tuple[Judged, ...]]:
     """Outcome of all, and of each limit in the order of their names."""
     return judge_values(list(_values(segments)), limits)
 
 
-def judge_values(values: Sequence[Told], limits: ErrorMotionLimits) -> tuple[Outcome, tuple[Judged, ...]]:
+def judge_values(values: Sequence[Told], limits: ErrorMotionLimits) -> tuple[Conformity, tuple[Judged, ...]]:
     """The same of values, wherever they come from."""
     rows = tuple(_judged(name, limit, values) for name, limit in limits.stated.items())
-    return Outcome.worst(row.outcome for row in rows), rows
+    return Conformity.worst(row.outcome for row in rows), rows
 
 
 def _judged(name: str, limit: float, told: Sequence[Told]) -> Judged:
@@ -91,8 +91,8 @@ def _judged(name: str, limit: float, told: Sequence[Told]) -> Judged:
     values = [(row.value, row.segment, row.signal) for row in told if (row.quantity, row.figure) == (quantity, figure)]
     unit = "rad" if quantity == "tilt" else "m"
     if not values:
-        return Judged(name, limit, Outcome.OPEN, None, ("", ""), unit)
-    beyond = [row for row in values if outcome_of(row[0], limit) is Outcome.BEYOND]
+        return Judged(name, limit, Conformity.OPEN, None, ("", ""), unit)
+    beyond = [row for row in values if outcome_of(row[0], limit) is Conformity.BEYOND]
     if beyond:
         value, *where = max(beyond, key=lambda row: row[0].value - row[0].expanded)
     else:
@@ -100,16 +100,16 @@ def _judged(name: str, limit: float, told: Sequence[Told]) -> Judged:
     return Judged(name, limit, outcome_of(value, limit), value, (where[0], where[1]), unit)
 
 
-def outcome_of(value: Value, limit: float) -> Outcome:
+def outcome_of(value: Value, limit: float) -> Conformity:
     """Of one value: within where it is with its expanded uncertainty, beyond where it is without it, else open."""
     if value.value - value.expanded > limit:
-        return Outcome.BEYOND
-    return Outcome.WITHIN if value.value + value.expanded <= limit else Outcome.OPEN
+        return Conformity.BEYOND
+    return Conformity.WITHIN if value.value + value.expanded <= limit else Conformity.OPEN
 
 
 def limited(
     segments: Sequence[SegmentFigures], judged: Sequence[Judged]
-) -> dict[tuple[str, str], tuple[float, Outcome]]:
+) -> dict[tuple[str, str], tuple[float, Conformity]]:
     """Limit (m or rad) and outcome of each value that has one, by its segment and its name as `Figure` has it."""
     found = {}
     for row in judged:

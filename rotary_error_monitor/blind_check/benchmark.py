@@ -19,7 +19,7 @@ from typing import Any
 
 from rotary_error_monitor.blind_check.cases import CasePlan, make_case, write_case, write_elsewhere
 from rotary_error_monitor.blind_check.processes import ask, last_words, processes
-from rotary_error_monitor.blind_check.scores import Outcome, score_case
+from rotary_error_monitor.blind_check.scores import OpenedCase, score_case
 from rotary_error_monitor.blind_check.sizes import departure_beyond_uncertainty, sizes_beyond_uncertainty
 from rotary_error_monitor.blind_check.solver import diagnose_cases
 from rotary_error_monitor.cases.draws import DURATION
@@ -31,7 +31,7 @@ class Benchmark:
     """Result of a run: the hash of the opened truth, which is the one told beforehand, and the outcome of each case."""
 
     opened: str
-    outcomes: tuple[Outcome, ...]
+    outcomes: tuple[OpenedCase, ...]
 
 
 def run_benchmark(

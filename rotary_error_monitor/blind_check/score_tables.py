@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 
 from rotary_error_monitor.blind_check.reliability import SURE, Told, bins_of, calibration_error, error_by_chance
-from rotary_error_monitor.blind_check.scores import FINDABLE, Outcome
+from rotary_error_monitor.blind_check.scores import FINDABLE, OpenedCase
 
 SIZES = (0.0, 3.0, 6.0, 8.0, 10.0, 20.0, 40.0, 80.0, 160.0, 1e9)
 
@@ -17,7 +17,7 @@ DEPARTURES = (0.0, 0.05, 0.1, 0.15, 0.2, 1.0)
 """Bins of the share of a cause that its best textbook form leaves."""
 
 
-def format_scores(outcomes: Sequence[Outcome]) -> str:
+def format_scores(outcomes: Sequence[OpenedCase]) -> str:
     """Tables of a run: by group, by effect, detection against size, calibration, parameters."""
     parts = []
     for rough in sorted({outcome.plan.rough for outcome in outcomes}):
@@ -34,14 +34,14 @@ def format_scores(outcomes: Sequence[Outcome]) -> str:
     return "\n\n".join(part for part in parts if part)
 
 
-def _refusals(outcomes: Sequence[Outcome]) -> str:
+def _refusals(outcomes: Sequence[OpenedCase]) -> str:
     """Cases that were refused, each with what makes it again and the reason."""
     refused = [outcome for outcome in outcomes if outcome.refusal]
     lines = [f"refused: {o.plan.group} of seed {o.plan.seed} ({', '.join(o.effects)}): {o.refusal}" for o in refused]
     return "\n".join(lines)
 
 
-def _findable(outcome: Outcome) -> bool:
+def _findable(outcome: OpenedCase) -> bool:
     return outcome.plan.kind == "null" or outcome.size >= FINDABLE
 
 
@@ -51,8 +51,8 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)) for line in lines)
 
 
-def _grouped_by(outcomes: Sequence[Outcome], key: Callable[[Outcome], str]) -> dict[str, list[Outcome]]:
-    groups: dict[str, list[Outcome]] = defaultdict(list)
+def _grouped_by(outcomes: Sequence[OpenedCase], key: Callable[[OpenedCase], str]) -> dict[str, list[OpenedCase]]:
+    groups: dict[str, list[OpenedCase]] = defaultdict(list)
     for outcome in outcomes:
         groups[key(outcome)].append(outcome)
     return dict(sorted(groups.items()))
@@ -62,12 +62,12 @@ def _share(flags: Sequence[bool]) -> str:
     return f"{sum(flags)}/{len(flags)}" if flags else "-"
 
 
-def _sort(outcome: Outcome) -> str:
+def _sort(outcome: OpenedCase) -> str:
     plan = outcome.plan
     return f"{plan.group}, {plan.kind}" if plan.group in ("noise", "motion") else plan.group
 
 
-def _by_group(outcomes: Sequence[Outcome]) -> str:
+def _by_group(outcomes: Sequence[OpenedCase]) -> str:
     rows = []
     for name, group in _grouped_by(outcomes, _sort).items():
         shrinks = [o.shrink for o in group if o.verdict == "explained"]
@@ -99,7 +99,7 @@ def _by_group(outcomes: Sequence[Outcome]) -> str:
     )
 
 
-def _by_effect(outcomes: Sequence[Outcome]) -> str:
+def _by_effect(outcomes: Sequence[OpenedCase]) -> str:
     alone = [o for o in outcomes if len(o.effects) == 1 and o.plan.group != "mimic"]
     rows = []
     for name, group in _grouped_by(alone, lambda o: o.effects[0]).items():
@@ -121,7 +121,7 @@ def _by_effect(outcomes: Sequence[Outcome]) -> str:
     return _table(["effect", "right", "varied", "weak", "left out", "named instead"], rows)
 
 
-def _by_size(outcomes: Sequence[Outcome]) -> str:
+def _by_size(outcomes: Sequence[OpenedCase]) -> str:
     own = [o for o in outcomes if o.plan.group in ("single", "new speed", "weak")]
     rows = []
     for low, high in itertools.pairwise(SIZES):
@@ -136,7 +136,7 @@ def _by_size(outcomes: Sequence[Outcome]) -> str:
     )
 
 
-def _by_departure(outcomes: Sequence[Outcome]) -> str:
+def _by_departure(outcomes: Sequence[OpenedCase]) -> str:
     rows = []
     for low, high in itertools.pairwise(DEPARTURES):
         group = [o for o in outcomes if o.departure is not None and low <= o.departure < high]
@@ -150,7 +150,7 @@ def _by_departure(outcomes: Sequence[Outcome]) -> str:
     )
 
 
-def _by_lvdt(outcomes: Sequence[Outcome]) -> str:
+def _by_lvdt(outcomes: Sequence[OpenedCase]) -> str:
     rows = []
     for words, there in (("with the LVDT", True), ("without", False)):
         group = [o for o in outcomes if o.lvdt is there and _findable(o) and not o.plan.left_out]
@@ -160,7 +160,7 @@ def _by_lvdt(outcomes: Sequence[Outcome]) -> str:
     return _table(["recording", "right", "nulls right"], rows)
 
 
-def _elsewhere_table(outcomes: Sequence[Outcome]) -> str:
+def _elsewhere_table(outcomes: Sequence[OpenedCase]) -> str:
     """Part of the gap that causes take away at speeds never seen."""
     found = [o for o in outcomes if o.elsewhere is not None and o.verdict == "explained"]
     shrinks = [o.elsewhere for o in found if o.elsewhere is not None]
@@ -170,7 +170,7 @@ def _elsewhere_table(outcomes: Sequence[Outcome]) -> str:
     return "Shrink of the gap at speeds never seen\n" + _table(["cases", "median", "least"], [row])
 
 
-def _mimics(outcomes: Sequence[Outcome]) -> str:
+def _mimics(outcomes: Sequence[OpenedCase]) -> str:
     """What is said of faults that resemble a known effect by half: nothing should explain them, or be named."""
     rows = []
     for floor, group in _grouped_by([o for o in outcomes if o.plan.group == "mimic"], _floor).items():
@@ -180,11 +180,11 @@ def _mimics(outcomes: Sequence[Outcome]) -> str:
     return "Mimics\n" + _table(["recordings", "explained", "named at all", "as"], rows) if rows else ""
 
 
-def _causes(outcome: Outcome) -> str:
+def _causes(outcome: OpenedCase) -> str:
     return " + ".join(" ".join(key).strip() for key in outcome.named)
 
 
-def _floor(outcome: Outcome) -> str:
+def _floor(outcome: OpenedCase) -> str:
     return f"{outcome.plan.family}, {'as on a shop floor' if outcome.plan.rough else 'clean'}"
 
 
@@ -213,7 +213,7 @@ def format_calibration(of_what: str, told: Sequence[Told]) -> str:
     return f"Calibration of probabilities of {of_what}\n{table}\n{error}"
 
 
-def _parameters(outcomes: Sequence[Outcome]) -> str:
+def _parameters(outcomes: Sequence[OpenedCase]) -> str:
     """Parameters of named causes near enough to the truth; of variants as told, and with the departure's width."""
     varied = [o for o in outcomes if o.plan.kind == "variant"]
     plain = [o for o in outcomes if o.plan.kind != "variant"]

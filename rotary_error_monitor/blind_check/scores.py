@@ -31,7 +31,7 @@ LEAST_RANKED = 0.01
 
 
 @dataclass(frozen=True)
-class Outcome:
+class OpenedCase:
     """One case, opened.
 
     Attributes:
@@ -75,7 +75,7 @@ class Outcome:
     refusal: str = ""
 
 
-def score_case(plan: CasePlan, truth: Mapping[str, Any], diagnosis: Mapping[str, Any], seconds: float) -> Outcome:
+def score_case(plan: CasePlan, truth: Mapping[str, Any], diagnosis: Mapping[str, Any], seconds: float) -> OpenedCase:
     """Compare a diagnosis with the truth."""
     wanted = [(row["effect"], row.get("location") or "") for row in truth["effects"]]
     named = [(row["effect"], row.get("location") or "") for row in diagnosis["causes"]]
@@ -85,7 +85,7 @@ def score_case(plan: CasePlan, truth: Mapping[str, Any], diagnosis: Mapping[str,
     outside = tuple(truth.get("outside", ()))
     right = _right(plan, diagnosis, sorted(wanted), sorted(named), hits)
     known = plan.kind in ("single", "pair") and not plan.left_out and len(named) == len(wanted)
-    return Outcome(
+    return OpenedCase(
         plan=plan,
         effects=outside or tuple(effect for effect, _ in wanted),
         verdict=str(diagnosis["verdict"]),

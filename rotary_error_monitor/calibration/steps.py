@@ -16,7 +16,7 @@ from rotary_error_monitor.calibration.machine_file import MachineFile
 from rotary_error_monitor.calibration.machine_poses import read_positioning_poses, read_probed_poses
 from rotary_error_monitor.calibration.measurements import read_positioning
 from rotary_error_monitor.calibration.parameters import Orders, list_parameters
-from rotary_error_monitor.calibration.verdict import Verdict, judge_calibration
+from rotary_error_monitor.calibration.verdict import CalibrationVerdict, judge_calibration
 from rotary_error_monitor.calibration.volume import Limits
 from rotary_error_monitor.calibration.yaml_document import hash_source
 from rotary_error_monitor.description.column_layout import ColumnLayout
@@ -271,7 +271,7 @@ class MachineResult:
     """What identification found, the verdict on it, and whether the file was written."""
 
     identification: Identification
-    verdict: Verdict
+    verdict: CalibrationVerdict
     written: bool
     remarks: tuple[str, ...] = ()
 

@@ -26,7 +26,7 @@ DRAWS = 10_000
 
 
 @dataclass(frozen=True)
-class Verdict:
+class CalibrationVerdict:
     """Whether a calibration is good.
 
     Attributes:
@@ -57,7 +57,7 @@ def judge_calibration(
     *,
     required: float,
     limits: Limits | None = None,
-) -> Verdict:
+) -> CalibrationVerdict:
     """The verdict on an identified machine, which a held-out check and the poses it came from go with.
 
     What the poses did not see counts with the typical size of an error: it is harmless where it moves the tool tip as
@@ -88,7 +88,7 @@ def judge_calibration(
     )
     sentence += "." if predicts else f", more than the {held_out.limit:.2f} of a model that holds all errors."
     further = volume[choose_further_poses(identification, volume, poses)]
-    return Verdict(
+    return CalibrationVerdict(
         good,
         uncertainty,
         bound,

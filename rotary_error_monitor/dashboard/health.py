@@ -100,7 +100,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Headline:
     """The line on top: how bad, why, and how many more reasons there are as bad."""
 
     severity: Severity
@@ -200,15 +200,15 @@ class Health:
             del self._nodes[min(self._nodes, key=lambda name: self._nodes[name].heard)]
 
 
-def verdict_of(rows: Iterable[Row]) -> Verdict:
+def verdict_of(rows: Iterable[Row]) -> Headline:
     """The line on top, of rows that stand worst first."""
     rows = tuple(rows)
     if not rows:
-        return Verdict(Severity.FAULT, "no node of the cell is heard on /diagnostics")
+        return Headline(Severity.FAULT, "no node of the cell is heard on /diagnostics")
     worst = rows[0]
     if worst.severity == Severity.OK:
-        return Verdict(Severity.OK, "all nodes that are heard are well")
-    return Verdict(worst.severity, worst.reason, sum(row.severity == worst.severity for row in rows) - 1)
+        return Headline(Severity.OK, "all nodes that are heard are well")
+    return Headline(worst.severity, worst.reason, sum(row.severity == worst.severity for row in rows) - 1)
 
 
 def label_of(topic: Topic) -> str:

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rotary_error_monitor.linuxcnc_controller.kinematics import Kinematics, Position, solve_offsets
-from rotary_error_monitor.linuxcnc_controller.shaping import Course, CourseLimits
+from rotary_error_monitor.linuxcnc_controller.shaping import CourseLimits, ShapedCourse
 
 WAITING = "no correction has come yet"
 SETTLING = "the controller's offsets settle"
@@ -75,7 +75,7 @@ class OffsetLimits:
 
 
 @dataclass(frozen=True)
-class Step:
+class OffsetAction:
     """What to do in one period.
 
     Attributes:
@@ -111,7 +111,7 @@ class OffsetControl:
         self._names = tuple(names)
         self._limits = limits
         self._target: Position | None = None
-        self._course: Course | None = None
+        self._course: ShapedCourse | None = None
         self._kinematics: Kinematics | None = None
         self._anchor: _Anchor | None = None
         self._written: tuple[int, ...] | None = None
@@ -145,25 +145,27 @@ class OffsetControl:
         if self._course is not None:
             self._course.halt()
 
-    def step(self, reading: Reading, kinematics: Kinematics, steady_ns: int) -> Step:
+    def step(self, reading: Reading, kinematics: Kinematics, steady_ns: int) -> OffsetAction:
         """What to write now, given what the controller shows, at a time of a clock that never steps (ns)."""
         blocked = _blocked(reading)
         if blocked:
             self._anchor, self._written, self._doubts = None, None, 0
             self._target = self._course = None
-            return Step(None, blocked)
+            return OffsetAction(None, blocked)
         anchor = self._find_anchor(reading)
         if anchor is None:
-            return Step(None, SETTLING)
+            return OffsetAction(None, SETTLING)
         course = self._find_course(reading, kinematics)
         if course is None:
-            return Step(None, WAITING)
+            return OffsetAction(None, WAITING)
         return self._follow(anchor, course.advance(steady_ns), reading, kinematics)
 
-    def _find_course(self, reading: Reading, kinematics: Kinematics) -> Course | None:
+    def _find_course(self, reading: Reading, kinematics: Kinematics) -> ShapedCourse | None:
         """The course from the corrections in effect to the target; none before the first."""
         if self._course is None and self._target is not None:
-            self._course = Course(self._limits.course, corrections_of(kinematics, reading.axes, reading.requested))
+            self._course = ShapedCourse(
+                self._limits.course, corrections_of(kinematics, reading.axes, reading.requested)
+            )
             self._course.aim(self._target)
         elif self._course is not None and kinematics != self._kinematics:
             # Other kinematics reach the same place of the tool by other corrections.
@@ -200,7 +202,7 @@ class OffsetControl:
             for value, number, count in zip(reading.requested, expected, self._limits.count, strict=True)
         )
 
-    def _follow(self, anchor: _Anchor, corrections: Position, reading: Reading, kinematics: Kinematics) -> Step:
+    def _follow(self, anchor: _Anchor, corrections: Position, reading: Reading, kinematics: Kinematics) -> OffsetAction:
         wanted = solve_offsets(kinematics, reading.axes, corrections)
         start = zip(anchor.counts, anchor.requested, strict=True)
         counts = tuple(
@@ -208,9 +210,9 @@ class OffsetControl:
             for value, count, (then, number) in zip(wanted, self._limits.count, start, strict=True)
         )
         if any(not -_COUNTS_END <= number < _COUNTS_END for number in counts):
-            return Step(None, "the counts pins are at the end of their 32 bits: clear the external offsets")
+            return OffsetAction(None, "the counts pins are at the end of their 32 bits: clear the external offsets")
         self._written = counts
-        return Step(counts, "")
+        return OffsetAction(counts, "")
 
 
 def _blocked(reading: Reading) -> str:

@@ -56,7 +56,7 @@ class CourseLimits:
             raise InputError(f"target {tuple(target)}; expected at most {self.largest} (m, rad)")
 
 
-class Course:
+class ShapedCourse:
     """Where the axes are on their way; reads no clock.
 
     Attributes:

@@ -14,7 +14,7 @@ from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.errors import InputError
 
 
-class Outcome(enum.IntEnum):
+class CorrectionOutcome(enum.IntEnum):
     """What became of a wanted correction, the worst last."""
 
     FOLLOWED = 0
@@ -24,7 +24,7 @@ class Outcome(enum.IntEnum):
     LATCHED = 4
 
 
-FOLLOWED, RATE_LIMITED, WARNING, HELD, LATCHED = map(int, Outcome)
+FOLLOWED, RATE_LIMITED, WARNING, HELD, LATCHED = map(int, CorrectionOutcome)
 """The same as they stand in arrays: of an enumeration, Python looks for a member longer than numpy computes."""
 
 

@@ -18,7 +18,7 @@ from rotary_error_monitor.codec.error_motion_blocks import error_motion_from_blo
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.errors import InputError, without_numbers
 from rotary_error_monitor.machine.kernel import describe_kernel
-from rotary_error_monitor.machine.limits import Outcome
+from rotary_error_monitor.machine.limits import CorrectionOutcome
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.compensation_settings import SETTINGS, compensation_settings, limit_figures
 from rotary_error_monitor.nodes.correction_output import CorrectionOutput
@@ -209,9 +209,9 @@ class Compensation(ManagedNode):
         if hold or latest is None:
             return Condition("correction", Level.ERROR, f"held: {hold}{self._how_far()}", figures)
         reasons = [*self._compensator.remarks, *self._output.remarks(now_ns)]
-        if latest.outcome is Outcome.WARNING:
+        if latest.outcome is CorrectionOutcome.WARNING:
             reasons.append("beyond the warning limit")
-        if latest.outcome is Outcome.RATE_LIMITED:
+        if latest.outcome is CorrectionOutcome.RATE_LIMITED:
             reasons.append("slowed by the rate limit")
         if self._has_rotary and not latest.direction_spanned:
             reasons.append("the axes cannot correct the tool's direction here")

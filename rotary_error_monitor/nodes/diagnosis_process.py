@@ -32,7 +32,7 @@ _PREFIX = "rotary_error_monitor: "
 
 
 @dataclass(frozen=True)
-class Outcome:
+class DiagnosisEnd:
     """How a diagnosis ended.
 
     Attributes:
@@ -68,7 +68,7 @@ class DiagnosisProcess:
         self._lock = threading.Lock()
         self._thread: threading.Thread | None = None
         self._process: subprocess.Popen[str] | None = None
-        self._outcome: Outcome | None = None
+        self._outcome: DiagnosisEnd | None = None
         self._began = 0.0
         self._stopping = False
 
@@ -100,7 +100,7 @@ class DiagnosisProcess:
         self._thread = threading.Thread(target=self._work, args=(blocks,), name="diagnosis")
         self._thread.start()
 
-    def take(self) -> Outcome | None:
+    def take(self) -> DiagnosisEnd | None:
         """The outcome once there is one; after that the next diagnosis may start."""
         thread = self._thread
         if thread is None or thread.is_alive():
@@ -130,7 +130,7 @@ class DiagnosisProcess:
             sentence, content = f"no verdict: {error}", None
         except Exception as error:  # a fault here must not pass for a diagnosis that goes on
             sentence, content = f"no verdict: {type(error).__name__}: {error}", None
-        self._outcome = Outcome(sentence, content, self.elapsed)
+        self._outcome = DiagnosisEnd(sentence, content, self.elapsed)
 
     def _diagnose(
         self, folder: Path, blocks: Mapping[str, Sequence[SampleBlock]]

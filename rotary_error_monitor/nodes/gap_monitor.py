@@ -18,7 +18,7 @@ from rotary_error_monitor.description.wire import Topic
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.loading import load_twin
 from rotary_error_monitor.kinds.stage.admission import SHORTEST
-from rotary_error_monitor.nodes.diagnosis_process import DiagnosisProcess, Outcome
+from rotary_error_monitor.nodes.diagnosis_process import DiagnosisEnd, DiagnosisProcess
 from rotary_error_monitor.nodes.diagnostics import Condition, Level, StreamWatch
 from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.process import program
@@ -225,7 +225,7 @@ class GapMonitor(ManagedNode):
             self._under_way = _Recording(self._recent.turns, self._recent.duration, self._recent.newest_ns or 0)
             self._process.start(self._recent.blocks(_SPAN))
 
-    def _note(self, outcome: Outcome) -> None:
+    def _note(self, outcome: DiagnosisEnd) -> None:
         if outcome.content is None:
             self._failure_text = outcome.sentence
             self._failures += 1

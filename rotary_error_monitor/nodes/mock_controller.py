@@ -13,7 +13,7 @@ from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.description.topics import samples_columns
 from rotary_error_monitor.linuxcnc_controller.gate import GateLimits
 from rotary_error_monitor.linuxcnc_controller.protocol import LinkSettings
-from rotary_error_monitor.linuxcnc_controller.shaping import Course
+from rotary_error_monitor.linuxcnc_controller.shaping import ShapedCourse
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.applied_corrections import AppliedCorrections
 from rotary_error_monitor.nodes.correction_listener import ControllerReport, CorrectionListener
@@ -107,7 +107,7 @@ class MockController(ManagedNode):
         """Bring corrections about as a controller would, and say what is in effect."""
         letters = machine.letters
         limits = LinkSettings().course_limits(axis.kind == "rotary" for axis in machine.axes)
-        course = Course(limits, (0.0,) * len(letters))
+        course = ShapedCourse(limits, (0.0,) * len(letters))
         applied = AppliedCorrections(self)
         last_ns = 0
 

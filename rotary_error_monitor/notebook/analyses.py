@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from rotary_error_monitor.analysis.changes import Change
 from rotary_error_monitor.analysis.result import Analysis as Result
 from rotary_error_monitor.analysis.result import figures_of
-from rotary_error_monitor.analysis.verdict import Outcome, limited
+from rotary_error_monitor.analysis.verdict import Conformity, limited
 from rotary_error_monitor.description.error_motion_limits import limits_of
 from rotary_error_monitor.errors import InputError, excerpt
 from rotary_error_monitor.metrology.turns import MOST_WAVES
@@ -47,7 +47,7 @@ class Analysis:
     changes: tuple[Change, ...] | None
 
     @property
-    def outcome(self) -> Outcome:
+    def outcome(self) -> Conformity:
         """Whether the stage keeps its limits."""
         return self.result.outcome
 

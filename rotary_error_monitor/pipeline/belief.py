@@ -15,7 +15,7 @@ from rotary_error_monitor.pipeline.head_belief import AGREEMENT, HeadBelief
 from rotary_error_monitor.pipeline.ring_belief import ABSENT, RingBelief
 from rotary_error_monitor.pipeline.stream_belief import StreamBelief
 from rotary_error_monitor.pipeline.tilt_belief import TiltBelief
-from rotary_error_monitor.pipeline.verdict import Standing, Verdict
+from rotary_error_monitor.pipeline.verdict import InputVerdict, Standing
 from rotary_error_monitor.signals.streams import SampleStream
 
 FEWEST = 3
@@ -149,7 +149,7 @@ class Belief:
         """What a description leaves open that has been held against the stage; before, it counts as unverified."""
         return figure.unresolved if self._check_turns > 0.0 and self._part(figure.covered) == 1.0 else 0.0
 
-    def assess(self, evidence: Evidence) -> tuple[list[tuple[slice, Verdict]], int]:
+    def assess(self, evidence: Evidence) -> tuple[list[tuple[slice, InputVerdict]], int]:
         """Verdicts that hold for the ticks of the evidence, and for how many of them it is valid.
 
         It ends where the choice of streams changes, or whole turns are to be taken out: what the ticks after that say
@@ -160,7 +160,7 @@ class Belief:
         size, count = self._grid.ticks, len(evidence.ticks)
         skipped = int(-evidence.ticks[0] % size)  # of a window whose begin was not seen
         whole = max(0, (count - skipped) // size)
-        parts: list[tuple[slice, Verdict]] = []
+        parts: list[tuple[slice, InputVerdict]] = []
         begin = 0
         if whole:  # live, most blocks complete no window
             chosen = self.left_out
@@ -176,7 +176,7 @@ class Belief:
         self._pending = evidence.part(slice(incomplete, count)) if incomplete < count else None
         return parts, count - before
 
-    def _verdicts(self, windows: Windows) -> Iterator[Verdict]:
+    def _verdicts(self, windows: Windows) -> Iterator[InputVerdict]:
         """What holds for each of some windows, up to that after which whole turns or other streams are to be taken."""
         chosen, self._quiet = self.left_out, self.streams.quiet and not any(windows.broken)
         self.ring.foresee(windows)
@@ -234,7 +234,7 @@ class Belief:
             and all(judge.are_calm(windows) for judge in (self.ring, self.tilt, self.command))
         )
 
-    def _take_in(self, windows: Windows) -> list[Verdict]:
+    def _take_in(self, windows: Windows) -> list[InputVerdict]:
         """Take in windows that are calm, as `_judge` does: verdicts after each but the last."""
         standing = self._standing()  # what stands before them stands in all but the last
         self._heard = windows.numbers[-1]
@@ -304,7 +304,7 @@ class Belief:
             self.ring.figure.forget()
             self.tilt.figure.forget()
 
-    def _conclude(self) -> Verdict:
+    def _conclude(self) -> InputVerdict:
         heads, tilt, command = self.heads, self.tilt, self.command
         return self._verdict(
             self._standing(),
@@ -352,7 +352,7 @@ class Belief:
         tilt: tuple[float, Reach],
         command: tuple[float, Reach],
         radial: Reach = EVERYWHERE,
-    ) -> Verdict:
+    ) -> InputVerdict:
         """Verdict by what stands and by what the judges say of one window, as they give it in `take_in`."""
         excluded, doubts, unresolved, unresolved_tilt, settled = standing
         lag = command[0]
@@ -371,7 +371,7 @@ class Belief:
             command[1],
             radial,
         )
-        return Verdict._make(values)
+        return InputVerdict._make(values)
 
 
 def _up_to_measurements(windows: Windows) -> Iterator[Windows]:

@@ -20,7 +20,7 @@ from rotary_error_monitor.pipeline.distance_noise import (
 )
 from rotary_error_monitor.pipeline.distance_places import Place
 from rotary_error_monitor.pipeline.distance_reach import ACCELERATION, STEADY, DistanceReach
-from rotary_error_monitor.pipeline.distance_steps import Compared, DistanceSteps, Step
+from rotary_error_monitor.pipeline.distance_steps import Compared, DistanceStep, DistanceSteps
 from rotary_error_monitor.pipeline.evidence import LONG, SHORT, SIGMAS, Reach, Window, Windows
 from rotary_error_monitor.pipeline.far_distance import FarDistance
 from rotary_error_monitor.pipeline.head_belief import AGREEMENT
@@ -183,7 +183,7 @@ class CommandBelief:
         self._steps.places.add(Place(window.number, window.mean.ecc, speed, missed), plain=plain)
         self._steps.places.follow([window.mean.theta], [window.mean.ecc])
 
-    def _sure(self, what: Compared, found: Step | None) -> Step | None:
+    def _sure(self, what: Compared, found: DistanceStep | None) -> DistanceStep | None:
         """A step that was found, or is held, once it is told."""
         far = self._steps.far(what)
         if far is not None or (found is not None and not self._steps.is_held):
@@ -332,7 +332,7 @@ class CommandBelief:
         """Whether a window's distance is one from begin to end: not interpolated wrong, and without a step."""
         return not self._is_bent(missed, speed) and scatter <= self._farther.rippled
 
-    def _step_of(self, step: Step, window: Window) -> str:
+    def _step_of(self, step: DistanceStep, window: Window) -> str:
         self._size = step.size
         within = step.passed * window.duration * 1e3
         return f"a step of {step.size * 1e6:.3g} µrad between rotation and command within {within:g} ms"

@@ -17,8 +17,8 @@ from rotary_error_monitor.machine.correction import SolvedCorrections, remaining
 from rotary_error_monitor.machine.kinematics import arrange_machine
 from rotary_error_monitor.machine.limits import (
     HELD,
+    CorrectionOutcome,
     CorrectionState,
-    Outcome,
     axis_limits,
     initial_state,
     limit_corrections,
@@ -94,7 +94,7 @@ class Correction:
     axes: tuple[str, ...]
     values: NDArray[np.float64]
     rates: NDArray[np.float64]
-    outcome: Outcome
+    outcome: CorrectionOutcome
     direction_spanned: bool
     described: bool
     report: OffsetReport | None
@@ -239,7 +239,7 @@ class CorrectionMaker:
                 self._letters,
                 limited.corrections[i],
                 rates[i],
-                Outcome(int(limited.outcomes[i])),
+                CorrectionOutcome(int(limited.outcomes[i])),
                 bool(wanted.direction_spanned[i]),
                 described,
                 by_index.get(int(i)),

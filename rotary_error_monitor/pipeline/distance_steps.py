@@ -42,7 +42,7 @@ class Compared(NamedTuple):
         return abs(self.distance - before.distance + self.delay * (self.speed - before.speed))
 
 
-class Step(NamedTuple):
+class DistanceStep(NamedTuple):
     """A step: its size (rad), windows from what was before it, and that."""
 
     size: float
@@ -100,12 +100,12 @@ class DistanceSteps:
         """What interpolation may miss of a change, rad: a third difference that changes its sign tells less."""
         return missed_in(window) + self.places.most_missed(max(missed_in(last), before.missed))
 
-    def seen(self, what: Compared, before: Place) -> Step | None:
+    def seen(self, what: Compared, before: Place) -> DistanceStep | None:
         """A step that neither the drive nor a change of speed makes."""
         moved, unknown = self.moved(what, before)
         if abs(moved) <= STEADY * self._farthest + unknown:
             return None
-        return Step(abs(moved), what.window.number - before.number, before)
+        return DistanceStep(abs(moved), what.window.number - before.number, before)
 
     def moved(self, what: Compared, before: Place) -> tuple[float, float]:
         """By how much the distance is another than before, and how much of that may be no step, rad."""
@@ -120,7 +120,9 @@ class DistanceSteps:
             return None
         return before if what.change(before) > STEADY * self._farthest + SIGMAS * what.scatter else None
 
-    def judge(self, what: Compared, seen: Step | None, far: Place | None, slope: SpeedSlope) -> Step | None:
+    def judge(
+        self, what: Compared, seen: DistanceStep | None, far: Place | None, slope: SpeedSlope
+    ) -> DistanceStep | None:
         """A step of what is held, or has to be: until it is told from what the drive makes as it accelerates.
 
         Held from this window on are a step that is `seen`, and a distance that is `far` from what it was.
@@ -142,7 +144,7 @@ class DistanceSteps:
         earlier = max(slope.course(), self.places.course, key=lambda each: len(each[0]))
         held.hold(before, what.last.number, earlier, what.scatter or self._noise)
 
-    def _told(self, held: HeldStep, before: Place, what: Compared, limits: tuple[float, float]) -> Step | None:
+    def _told(self, held: HeldStep, before: Place, what: Compared, limits: tuple[float, float]) -> DistanceStep | None:
         """A change that is held is none within the first of some limits, and is one beyond the other, rad."""
         change, mean = what.change(before), what.window.mean
         held.add(mean.theta, mean.ecc, change)
@@ -155,6 +157,6 @@ class DistanceSteps:
         if not held.lasts(outcome) or outcome == "open":
             return None
         if outcome == "step":
-            return Step(change, held.passed, before)
+            return DistanceStep(change, held.passed, before)
         held.clear()
         return None

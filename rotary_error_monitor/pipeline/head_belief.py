@@ -15,7 +15,7 @@ from rotary_error_monitor.pipeline.evidence import EVERYWHERE, LONG, PERSISTENT,
 from rotary_error_monitor.pipeline.ring_jumps import Change, RingJumps, change_between
 from rotary_error_monitor.pipeline.ring_scatter import RingScatter, StampsScatter
 from rotary_error_monitor.pipeline.trailing import Trailing
-from rotary_error_monitor.pipeline.turn_memory import Course, Held, distance
+from rotary_error_monitor.pipeline.turn_memory import CentreCourse, Held, distance
 from rotary_error_monitor.pipeline.wrong_head import Shown, fault_in_words, wrong_head
 
 AGREEMENT = 0.5
@@ -95,7 +95,7 @@ class HeadBelief:
         self._size = self._step = 0.0
         self._since = 0  # windows since one was beyond anything
         self.settled = frozenset(heads)
-        self._courses: dict[tuple[str, ...], Course] = {}
+        self._courses: dict[tuple[str, ...], CentreCourse] = {}
         self._scatter = RingScatter(timing)
         self._by_stamps = StampsScatter()
         self._last: tuple[int, float] | None = None
@@ -348,11 +348,11 @@ class HeadBelief:
         if self._returning >= AGREEMENT:
             self.contradiction, self._step = "", 0.0
 
-    def _course(self, window: Window) -> Course:
+    def _course(self, window: Window) -> CentreCourse:
         """Where the ring was: heads that show all of its displacement show the same, whichever they are."""
         shown = () if window.has("radial") else self._believed
         if shown not in self._courses:
-            self._courses[shown] = Course()
+            self._courses[shown] = CentreCourse()
         return self._courses[shown]
 
     def _restore(self, window: Window, available: Sequence[str]) -> None:

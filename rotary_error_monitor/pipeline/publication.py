@@ -22,7 +22,7 @@ from rotary_error_monitor.pipeline.evidence import EVERYWHERE, INDEX, SIGMAS, TI
 from rotary_error_monitor.pipeline.kernel import Stated, chosen_kernel
 from rotary_error_monitor.pipeline.ring_belief import ABSENT
 from rotary_error_monitor.pipeline.ticks import AUTOCOLLIMATOR, COMMAND
-from rotary_error_monitor.pipeline.verdict import DOUBTS, Verdict
+from rotary_error_monitor.pipeline.verdict import DOUBTS, InputVerdict
 
 _UNCERTAIN = ("head_scale", "tilt_scale", "lag", "unresolved", "unresolved_tilt")
 _REALS, _INTEGERS = (*_UNCERTAIN, "most"), ("excluded", "doubts", "settled")
@@ -70,7 +70,7 @@ class Believed:
             compiled/publication.h.
     """
 
-    def __init__(self, verdicts: Sequence[tuple[slice, Verdict]]) -> None:
+    def __init__(self, verdicts: Sequence[tuple[slice, InputVerdict]]) -> None:
         """What the verdicts say, each of some ticks, which follow one upon another from the first tick on."""
         counts = [where.stop - where.start for where, _ in verdicts]
         reals = [

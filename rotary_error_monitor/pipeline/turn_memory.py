@@ -66,7 +66,7 @@ class Held(NamedTuple):
         return self.shown[2:]
 
 
-class Step(NamedTuple):
+class RingStep(NamedTuple):
     """A change that no bearing makes.
 
     Attributes:
@@ -82,7 +82,7 @@ class Step(NamedTuple):
     before: tuple[float, float, float, float]
 
 
-class Course:
+class CentreCourse:
     """Where what is seen of the ring's centre was, over a turn and at last.
 
     Attributes:
@@ -119,7 +119,7 @@ class Course:
             self.turn.put(*each)
         self.follow(first + len(thetas) - 1, thetas[-1], places[-1], sure=True)
 
-    def hold(self, window: Held, rate: float) -> Step | None:
+    def hold(self, window: Held, rate: float) -> RingStep | None:
         """Hold on to a window unless the one that is held tells more; give the step from that one if there is one.
 
         Args:
@@ -133,7 +133,7 @@ class Course:
         if SIGMAS * before.noise + way < SIGMAS * window.noise:
             self.held = before
         size, most = distance(window.place, before.place), way + SIGMAS * math.hypot(before.noise, window.noise)
-        return Step(size, most, window.number - before.number, before.shown) if size > most else None
+        return RingStep(size, most, window.number - before.number, before.shown) if size > most else None
 
     def holds(self, number: int) -> bool:
         """Whether a window is the one that is held."""

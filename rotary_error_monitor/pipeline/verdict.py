@@ -15,7 +15,7 @@ further fault of a head would not show; a description that has not been held aga
 one of the mirror, or not since the heads may have lost their zero."""
 
 
-class Verdict(NamedTuple):
+class InputVerdict(NamedTuple):
     """What is believed.
 
     Attributes:

@@ -16,7 +16,7 @@ from rotary_error_monitor.plant.noise import Noise
 PEAK_SLOPE = 1.875  # of the ramp 10u³ - 15u⁴ + 6u⁵ at u = 1/2
 
 
-class Course(Protocol):
+class CommandedCourse(Protocol):
     """How a stage is commanded to turn."""
 
     def at(self, time: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.plant.environment import Temperature
 from rotary_error_monitor.plant.geometry import Plane, Turns, as_columns
-from rotary_error_monitor.plant.motion import Course
+from rotary_error_monitor.plant.motion import CommandedCourse
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Scene:
     axial: NDArray[np.float64]
     tilt: Plane
     stage: StageDescription
-    motion: Course
+    motion: CommandedCourse
     temperature: Temperature
     places: Mapping[str, Temperature] = field(default_factory=dict)
 

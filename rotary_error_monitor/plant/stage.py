@@ -21,7 +21,7 @@ from rotary_error_monitor.plant.clocks import stage_clocks as stage_clocks
 from rotary_error_monitor.plant.environment import Forces, Temperature, place_temperature
 from rotary_error_monitor.plant.geometry import Turns, as_columns
 from rotary_error_monitor.plant.instruments import ENTRY_POINTS, geometries, planar, pushed, read_off, seen, waves
-from rotary_error_monitor.plant.motion import Course, reversing_motion
+from rotary_error_monitor.plant.motion import CommandedCourse, reversing_motion
 from rotary_error_monitor.plant.noise import Noise, Turbulence
 from rotary_error_monitor.plant.noise_forms import NoiseForm
 from rotary_error_monitor.plant.scene import Fault as Fault
@@ -54,7 +54,7 @@ class StagePlant:
     description: StageDescription
     seed: int
     epoch_ns: int = 0
-    motion: Course = field(default_factory=reversing_motion)
+    motion: CommandedCourse = field(default_factory=reversing_motion)
     forces: Forces = field(default_factory=Forces)
     temperature: Temperature = field(default_factory=Temperature)
     clocks: Mapping[str, Clock] = field(default_factory=stage_clocks)

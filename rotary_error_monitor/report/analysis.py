@@ -9,7 +9,7 @@ from itertools import groupby
 from rotary_error_monitor.analysis.changes import Change
 from rotary_error_monitor.analysis.motion import SegmentFigures, SignalFigures
 from rotary_error_monitor.analysis.result import Analysis, Figure, figures_of
-from rotary_error_monitor.analysis.verdict import Judged, Outcome
+from rotary_error_monitor.analysis.verdict import Conformity, Judged
 from rotary_error_monitor.gap.quantities import number, rounded, shared_power
 from rotary_error_monitor.metrology.circles import CENTRES
 from rotary_error_monitor.metrology.spindle_figures import Value
@@ -32,17 +32,17 @@ _RPM = 30 / math.pi
 """Turns a minute in a rad/s."""
 
 BADGES = {
-    Outcome.WITHIN: (Tone.GOOD, "✓ Within limits"),
-    Outcome.BEYOND: (Tone.BAD, "✗ Beyond limits"),
-    Outcome.OPEN: (Tone.OPEN, "? Cannot be told"),
-    Outcome.NO_LIMITS: (Tone.PLAIN, "No limits given"),
+    Conformity.WITHIN: (Tone.GOOD, "✓ Within limits"),
+    Conformity.BEYOND: (Tone.BAD, "✗ Beyond limits"),
+    Conformity.OPEN: (Tone.OPEN, "? Cannot be told"),
+    Conformity.NO_LIMITS: (Tone.PLAIN, "No limits given"),
 }
 """What is said first of a stage."""
 
 OUTCOMES = {
-    Outcome.WITHIN: "✓ within",
-    Outcome.BEYOND: "✗ beyond",
-    Outcome.OPEN: "? cannot be told",
+    Conformity.WITHIN: "✓ within",
+    Conformity.BEYOND: "✗ beyond",
+    Conformity.OPEN: "? cannot be told",
 }
 """What is told of one limit."""
 
@@ -72,13 +72,13 @@ _CENTRES = ("MZC", "MCC", "MIC")
 def verdict_sentence(analysis: Analysis) -> str:
     """What is said first."""
     rows = analysis.judged
-    if analysis.outcome is Outcome.NO_LIMITS:
+    if analysis.outcome is Conformity.NO_LIMITS:
         return f"No limits were given, so there is no verdict. {_largest(analysis)}"
-    if analysis.outcome is Outcome.WITHIN:
+    if analysis.outcome is Conformity.WITHIN:
         return f"The stage is good: it keeps {_all_of(len(rows))}, uncertainty included. {_closest(rows)}"
     worst = [row for row in rows if row.outcome is analysis.outcome]
     told = "; ".join(_against(row) for row in worst)
-    if analysis.outcome is Outcome.BEYOND:
+    if analysis.outcome is Conformity.BEYOND:
         return f"The stage is beyond its limits: {told}."
     return f"Whether the stage keeps its limits cannot be told: {told}."
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from rotary_error_monitor.analysis.history import StageHistory, Standing
 from rotary_error_monitor.analysis.trend import Reach, Trend
 from rotary_error_monitor.analysis.trend_result import FolderTrend, Unread, date_of
-from rotary_error_monitor.analysis.verdict import Outcome
+from rotary_error_monitor.analysis.verdict import Conformity
 from rotary_error_monitor.gap.quantities import number, shared_power
 from rotary_error_monitor.report.analysis import BADGES, OUTCOMES
 from rotary_error_monitor.report.drawn import Drawn
@@ -51,10 +51,10 @@ def trend_sentence(trend: FolderTrend) -> str:
     count = len(trend.stages)
     stages = "the stage" if count == 1 else f"all {count} stages"
     said = {
-        Outcome.NO_LIMITS: "No limits were given, so there is no verdict.",
-        Outcome.WITHIN: f"By its latest recording {stages} kept all limits, uncertainty included.",
-        Outcome.BEYOND: f"Beyond limits by the latest recording: {names}.",
-        Outcome.OPEN: f"Whether limits are kept cannot be told from the latest recording: {names}.",
+        Conformity.NO_LIMITS: "No limits were given, so there is no verdict.",
+        Conformity.WITHIN: f"By its latest recording {stages} kept all limits, uncertainty included.",
+        Conformity.BEYOND: f"Beyond limits by the latest recording: {names}.",
+        Conformity.OPEN: f"Whether limits are kept cannot be told from the latest recording: {names}.",
     }[trend.outcome]
     changed = sum(bool(stage.changed) for stage in trend.stages)
     recordings = len([row for stage in trend.stages for row in stage.recordings])

@@ -22,7 +22,7 @@ from rotary_error_monitor.notebook.estimates import estimate
 from rotary_error_monitor.notebook.recording import read_bag
 from rotary_error_monitor.reproduction.lou2019_figures import Readings, original_errors, separated_errors, verified
 from rotary_error_monitor.reproduction.lou2019_plant import LEFT_BY_A_LINE, REFERENCE, LouStage
-from rotary_error_monitor.reproduction.procedure import Bench, Reproduction, Row, Step
+from rotary_error_monitor.reproduction.procedure import Bench, ProcedureStep, Reproduction, Row
 from rotary_error_monitor.reproduction.units import ARCSEC, UM
 
 PAPER = (
@@ -57,7 +57,7 @@ class Verified:
 
     name: str
     height: float
-    step: Step
+    step: ProcedureStep
     result: Mapping[str, Any]
 
     @property
@@ -110,7 +110,7 @@ class Lou2019:
     def _calibrated(self) -> StageDescription:
         return load_stage(self.bench.path(STAGE))
 
-    def _collimator(self) -> Step:
+    def _collimator(self) -> ProcedureStep:
         self.stage.write_collimator_steps(self.bench.path(STEPS))
         reference = f"{REFERENCE / math.sqrt(3):.3f}"
         told = self.bench.run(
@@ -118,7 +118,7 @@ class Lou2019:
             *("--figure", "autocollimator.png"),
         )
         picture = self.bench.picture("autocollimator.png", "Figure 5: calibration of the autocollimator")
-        return Step(
+        return ProcedureStep(
             "Calibrate the miniature autocollimator",
             "Section 2.2, Figures 4 and 5",
             *told,
@@ -126,23 +126,23 @@ class Lou2019:
             "The instrument is bent so that a straight line leaves what the paper's Figure 5 leaves.",
         )
 
-    def _assembly(self) -> Step:
+    def _assembly(self) -> ProcedureStep:
         self.stage.record_between_centres(self.bench.path(BETWEEN))
         told = self.bench.run("calibrate", "assembly", BETWEEN, "--stage", STAGE, *_CENTRES)
         figures = original_errors(Readings(self.bench.path(BETWEEN), self._calibrated))
-        return Step(
+        return ProcedureStep(
             "Measure the original errors of ring and mirror between centres",
             "Sections 2.1 and 3.1, Equation 3, Figures 3, 7 and 8",
             *told,
             figures,
         )
 
-    def _separation(self) -> Step:
+    def _separation(self) -> ProcedureStep:
         bag = self.bench.path("plain_5_mm")
         self.stage.record(bag, 0.005, 1)
         told = self.bench.run("replay", bag.name, "--twin", STAGE, "-o", "plain_5_mm.npz")
         figures = separated_errors(Readings(bag, self._calibrated), estimate(bag, self.bench.path(STAGE)))
-        return Step(
+        return ProcedureStep(
             "Separate the error motion from the errors of ring and mirror",
             "Section 3.2, Equations 3 to 6, Figures 9 to 11",
             *told,
@@ -163,7 +163,7 @@ class Lou2019:
         whole = self.bench.picture(f"{name}.png", f"Figure {figure}: LVDT and monitor over angle and time")
         pictures = (whole,) if pushed else verified(figure, result["comparisons"][0])
         what = "while forces push at the shaft" if pushed else "against the LVDT"
-        step = Step(
+        step = ProcedureStep(
             f"Verify the radial error motion at {height} mm {what}",
             f"Section 3.3, Equation 7, Figures 12 and {figure}",
             *told,

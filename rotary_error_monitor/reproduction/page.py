@@ -16,7 +16,7 @@ from rotary_error_monitor.report.page import (
     whole_page,
 )
 from rotary_error_monitor.report.wording import aligned
-from rotary_error_monitor.reproduction.procedure import Reproduction, Row, Step
+from rotary_error_monitor.reproduction.procedure import ProcedureStep, Reproduction, Row
 
 _KEPT = {True: "✓ yes", False: "✗ no", None: "—"}
 
@@ -47,7 +47,7 @@ def text_table(rows: tuple[Row, ...]) -> str:
     return "\n".join(aligned([head, *((row.quantity, row.paper, row.ours, _KEPT[row.holds]) for row in rows)]))
 
 
-def _step(number: int, step: Step) -> str:
+def _step(number: int, step: ProcedureStep) -> str:
     command = f"$ {step.command}\n" if step.command else ""
     said = f"<div class='wide' tabindex='0'><pre>{html.escape(command + step.said)}</pre></div>" if command else ""
     return section(

@@ -27,7 +27,7 @@ from rotary_error_monitor.reproduction.pan2013_plant import (
     TRACKER_NOISE,
     PanMachine,
 )
-from rotary_error_monitor.reproduction.procedure import Bench, Reproduction, Row, Step
+from rotary_error_monitor.reproduction.procedure import Bench, ProcedureStep, Reproduction, Row
 from rotary_error_monitor.reproduction.units import ARCSEC, UM
 
 PAPER = "F. Pan, M. Li, J. Yin: Error Model and Accuracy Calibration of 5-Axis Machine Tool. TELKOMNIKA 2013, page 4251"
@@ -92,13 +92,13 @@ class Pan2013:
         calibrations: Mapping[str, Any] = noted["calibration"]
         return calibrations
 
-    def _positioning(self, letter: str) -> Step:
+    def _positioning(self, letter: str) -> ProcedureStep:
         source, number, rotary = f"{letter.lower()}_positioning.csv", POSITIONED[letter], letter in "AC"
         self.machine.write_positioning(self.bench.path(source), letter)
         told = self.bench.run(
             *("calibrate", "positioning", source, "--machine", MACHINE, "--axis", letter, "--drop-outliers")
         )
-        return Step(
+        return ProcedureStep(
             f"Measure {'angular positioning' if rotary else 'positioning'} of {letter}",
             f"Section {'5' if rotary else '4'}, Section 6, Figure {number}",
             *told,
@@ -107,14 +107,14 @@ class Pan2013:
             f"whole travel, {CYCLES} times both ways.",
         )
 
-    def _straightness(self, name: str) -> Step:
+    def _straightness(self, name: str) -> ProcedureStep:
         source, number = f"{name.lower()}.csv", STRAIGHT[name]
         self.machine.write_straightness(self.bench.path(source), name)
         told = self.bench.run(
             *("calibrate", "straightness", source, "--machine", MACHINE, "--component", name),
             *("--noise-um", f"{STRAIGHTNESS_NOISE / UM:g}"),
         )
-        return Step(
+        return ProcedureStep(
             f"Measure straightness of {name[2]} in {name[1]}",
             f"Section 6, Figure {number}",
             *told,
@@ -122,7 +122,7 @@ class Pan2013:
             "A laser's beam is the reference, not a mirror; it is aligned to some 10 µrad.",
         )
 
-    def _lines(self) -> Step:
+    def _lines(self) -> ProcedureStep:
         self.machine.write_tracker(self.bench.path(TRACKER))
         distance, angle = TRACKER_NOISE
         told = self.bench.run(
@@ -130,7 +130,7 @@ class Pan2013:
             *("--distance-ppm", "0", "--angle-arcsec", f"{angle / ARCSEC:g}", "--figure", "axes.png"),
         )
         picture = self.bench.picture("axes.png", "Figure 20: squareness and distances, with their bounds")
-        return Step(
+        return ProcedureStep(
             "Measure how axes and spindle lie beside each other",
             "Section 5, Equation 16, Section 6, Figures 10 and 20, Table 2",
             *told,
@@ -139,29 +139,29 @@ class Pan2013:
             "spindle; readings are means of both ways of approach.",
         )
 
-    def _model(self) -> Step:
+    def _model(self) -> ProcedureStep:
         told = self.bench.run("offset", MACHINE, "--array", "text")
-        return Step(
+        return ProcedureStep(
             "Low-order body array and characteristic matrices of the measured machine",
             "Section 3, Equations 2 to 12, Table 1, Figures 4 and 5",
             *told,
             about="Equation 5 prints sin α in the rotation about z, where the rotation needs sin γ.",
         )
 
-    def _offset(self) -> Step:
+    def _offset(self) -> ProcedureStep:
         self.machine.write_poses(self.bench.path(POSES), DRAWN_POSES)
         told = self.bench.run("offset", MACHINE, "--program", POSES, "-o", "offset.json")
-        return Step(
+        return ProcedureStep(
             "Offset E of tool and workpiece at poses drawn in the working volume",
             "Section 3.2, Equations 13 to 15",
             *told,
             about="The paper states the formula and no value of E.",
         )
 
-    def _costs(self) -> Step:
+    def _costs(self) -> ProcedureStep:
         told = self.bench.run("calibrate", "errors", MACHINE, "--figure", "errors.png")
         picture = self.bench.picture("errors.png", "Offset over X and Y, and errors by what each costs")
-        return Step("Which errors cost most", "Section 1: the main errors", *told, (picture,))
+        return ProcedureStep("Which errors cost most", "Section 1: the main errors", *told, (picture,))
 
     def _prediction(self) -> Row:
         """The measured machine file against the simulated machine."""

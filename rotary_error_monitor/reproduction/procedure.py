@@ -37,7 +37,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Step:
+class ProcedureStep:
     """A step of the procedure.
 
     Attributes:
@@ -72,7 +72,7 @@ class Reproduction:
     name: str
     paper: str
     simulated: str
-    steps: tuple[Step, ...]
+    steps: tuple[ProcedureStep, ...]
     rows: tuple[Row, ...]
 
     @property

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from rotary_error_monitor.reproduction import zhou2023_figures as figures
 from rotary_error_monitor.reproduction import zhou2023_plant as plant
-from rotary_error_monitor.reproduction.procedure import Bench, Reproduction, Step
+from rotary_error_monitor.reproduction.procedure import Bench, ProcedureStep, Reproduction
 from rotary_error_monitor.reproduction.units import UM
 from rotary_error_monitor.reproduction.zhou2023_rows import Results, rows
 
@@ -79,23 +79,23 @@ class Zhou2023:
             *("--noise-um", _NOISE, *more),
         )
 
-    def _mirror(self) -> Step:
+    def _mirror(self) -> ProcedureStep:
         self.grinder.write_mirror(self.bench.path("mirror_1.csv"), plant.MIRROR_1)
         self.grinder.write_mirror(self.bench.path("mirror_2.csv"), plant.MIRROR_2)
-        return Step(
+        return ProcedureStep(
             "Measure the mirrors by an interferometer",
             "Section 2.2, Figure 4",
             figures=(figures.mirror_form(self.bench.path("mirror_1.csv")),),
             about="Simulated only; mirror_1.csv and mirror_2.csv hold what the interferometer shows.",
         )
 
-    def _spliced(self) -> Step:
+    def _spliced(self) -> ProcedureStep:
         source = self.bench.path("z_spliced.csv")
         self.grinder.write_runs(source, plant.Z, plant.MIRROR_1, (-0.8, -0.44))
         told = self._straightness(source.name, "EYZ", *_SHORT, "--monotone")
         first, second = figures.placements(source, plant.SENSOR_NOISE)
         line = figures.stated_curve(self.bench.path(MACHINE), "EYZ")
-        return Step(
+        return ProcedureStep(
             "Splice Z from two placements of mirror No. 1",
             "Section 2, Equation 1, Figures 6 to 9",
             *told,
@@ -108,25 +108,25 @@ class Zhou2023:
             "Equation 1 as printed, both sines with the same sign, is no rotation; the command takes a rotation.",
         )
 
-    def _direct(self) -> Step:
+    def _direct(self) -> ProcedureStep:
         source = self.bench.path("z_direct.csv")
         # the mirror is 40 mm longer than the travel: 20 mm at either end stay unused
         self.grinder.write_runs(source, plant.Z, plant.MIRROR_2, (-0.82,))
         told = self._straightness(source.name, "EYZ", *_LONG, "-o", "direct.yaml")
         line = figures.stated_curve(self.bench.path("direct.yaml"), "EYZ")
-        return Step(
+        return ProcedureStep(
             "Measure Z directly along mirror No. 2",
             "Section 2.2, Figure 10",
             *told,
             (figures.straightness("Figure 10: straightness of Z, along mirror No. 2", line),),
         )
 
-    def _compared(self) -> Step:
+    def _compared(self) -> ProcedureStep:
         told = self._straightness(
             "z_spliced.csv", "EYZ", *_SHORT, *_DIRECT, "-o", "compared.yaml", "--figure", "compared.png"
         )
         lines = [figures.stated_curve(self.bench.path(name), "EYZ") for name in (MACHINE, "direct.yaml")]
-        return Step(
+        return ProcedureStep(
             "Compare the two",
             "Section 2.2, Figure 11",
             *told,
@@ -136,31 +136,31 @@ class Zhou2023:
             ),
         )
 
-    def _known_mirror(self) -> Step:
+    def _known_mirror(self) -> ProcedureStep:
         told = self._straightness(
             *("z_spliced.csv", "EYZ", *_SHORT[:3], _INTERFEROMETER),
             *("--mirror-profile", "mirror_1.csv", "-o", "known_mirror.yaml"),
         )
-        return Step(
+        return ProcedureStep(
             "Splice Z with the measured form of mirror No. 1 taken off",
             "not in the paper, which neglects the mirror",
             *told,
             about="Overlaps do not show a mirror's curvature: spliced, it looks like a bow of the guideway.",
         )
 
-    def _second_axis(self) -> Step:
+    def _second_axis(self) -> ProcedureStep:
         source = self.bench.path("x_spliced.csv")
         self.grinder.write_runs(source, plant.X, plant.MIRROR_2, (-1.4, -0.84))
         told = self._straightness(source.name, "EYX", *_LONG, "--monotone")
         line = figures.stated_curve(self.bench.path(MACHINE), "EYX")
-        return Step(
+        return ProcedureStep(
             "Splice X from two placements of mirror No. 2",
             "Section 2.2, Figure 12",
             *told,
             (figures.straightness("Figure 12: straightness of X, spliced", line),),
         )
 
-    def _trajectory(self) -> Step:
+    def _trajectory(self) -> ProcedureStep:
         told = self.bench.run("calibrate", "flatness", MACHINE, *_WORKPIECE, "--trajectory", "wheel.csv")
         wheel = figures.Surface(self.bench.path("wheel.csv"))
         for name, column in (("after", "Y_correction_um"), ("unrotated", "error_um")):
@@ -169,14 +169,14 @@ class Zhou2023:
         self.grinder.write_surface(self.bench.path("workpiece_before.csv"), None)
         rotations = [figures.rotated(self.bench.path(MACHINE), name) for name in ("EYX", "EYZ")]
         shown = figures.surface("Figure 15: trajectory of the wheel", wheel, wheel.values("Y_correction_um"))
-        return Step(
+        return ProcedureStep(
             "Rotate both curves, and make the wheel's trajectory of the error matrix",
             "Section 3.1, Equation 2, Figures 13 and 15",
             *told,
             (*rotations, shown),
         )
 
-    def _workpiece(self, how: str, after: str) -> Step:
+    def _workpiece(self, how: str, after: str) -> ProcedureStep:
         picture = f"flatness_{how}.png"
         measured = ("--measured", "workpiece_before.csv", "--measured-after", after, "--height-noise-um", _NOISE)
         told = self.bench.run(
@@ -194,9 +194,9 @@ class Zhou2023:
         maps = [figures.surface(titles[n], table, table.levelled("height_um")) for n, table in tables.items()]
         if how != "with":
             title, source = "Grind with the curves as measured instead", "Section 3.1 says why not, and shows no result"
-            return Step(title, source, *told, tuple(maps))
+            return ProcedureStep(title, source, *told, tuple(maps))
         maps.append(self.bench.picture(picture, "What the command draws of prediction and measurement"))
-        return Step(
+        return ProcedureStep(
             "Grind a workpiece without and with compensation",
             "Section 3.2, Figures 14, 16 and 17",
             *told,
@@ -205,9 +205,9 @@ class Zhou2023:
             "straightness then is in the readings unless it was taken off.",
         )
 
-    def _table(self) -> Step:
+    def _table(self) -> ProcedureStep:
         told = self.bench.run("calibrate", "tables", MACHINE, "--grid", "X=141", "Z=81", "-o", "compensation.csv")
-        return Step("Write the compensation table of the controller", "Section 3.1", *told)
+        return ProcedureStep("Write the compensation table of the controller", "Section 3.1", *told)
 
 
 def reproduce(bench: Bench, seed: int) -> Reproduction:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.plant.environment import Forces
-from rotary_error_monitor.plant.motion import Course
+from rotary_error_monitor.plant.motion import CommandedCourse
 from rotary_error_monitor.plant.stage import StagePlant, stage_clocks
 from rotary_error_monitor.plant.tracking import CommandedMotion
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
@@ -57,7 +57,7 @@ class FollowedStage:
         return self.plant.samples(stream, first, last - first) if last > first else None
 
 
-def followed_plant(stage: StageDescription, settings: MockSettings, motion: Course) -> StagePlant:
+def followed_plant(stage: StageDescription, settings: MockSettings, motion: CommandedCourse) -> StagePlant:
     """The true stage that turns as `motion` says."""
     clocks = stage_clocks(tuple(stage.azimuths), settings.rate)
     return StagePlant(stage, settings.seed, settings.epoch_ns, motion, Forces(), clocks=clocks)

@@ -15,7 +15,7 @@ from rotary_error_monitor.analysis.history import Recorded, histories
 from rotary_error_monitor.analysis.partition import fit_course, partition, penalty_of
 from rotary_error_monitor.analysis.result import Figure
 from rotary_error_monitor.analysis.trend import DAY_NS, Series, estimate_trend
-from rotary_error_monitor.analysis.verdict import Outcome
+from rotary_error_monitor.analysis.verdict import Conformity
 from rotary_error_monitor.description.error_motion_limits import ErrorMotionLimits
 
 BEGIN_NS = 1_763_700_000_000_000_000
@@ -238,7 +238,7 @@ def test_recordings_are_grouped_and_ordered_and_speeds_that_are_alike_are_one():
     assert {(t.series.name, t.series.segment, t.series.places) for t in found[0].trends} == {
         (f"tilt_{axis}.total", "forward 4.006 rad/s", (0, 1, 2)) for axis in "xy"
     }
-    assert found[0].outcome is Outcome.NO_LIMITS and found[1].trends == ()
+    assert found[0].outcome is Conformity.NO_LIMITS and found[1].trends == ()
 
 
 def test_a_limit_tells_who_passed_it_first_and_what_is_left():
@@ -246,13 +246,13 @@ def test_a_limit_tells_who_passed_it_first_and_what_is_left():
     rows = [recorded(f"b{day}", day, tilt) for day, tilt in enumerate(tilts)]
     (found,) = histories(rows, ErrorMotionLimits(tilt_total=2e-6, axial_total=1e-6), RATE)
     standing, untold = found.standings
-    assert (standing.now.name, standing.now.outcome, standing.first_beyond) == ("tilt_total", Outcome.WITHIN, 2)
+    assert (standing.now.name, standing.now.outcome, standing.first_beyond) == ("tilt_total", Conformity.WITHIN, 2)
     assert standing.closest is not None and standing.closest.series.name == "tilt_x.total"
     assert standing.margin is not None and standing.margin[0] == pytest.approx(2e-6 - standing.closest.now, rel=1e-12)
-    assert untold.now.outcome is Outcome.OPEN and untold.margin is None and untold.first_beyond is None
-    assert found.outcome is Outcome.OPEN
+    assert untold.now.outcome is Conformity.OPEN and untold.margin is None and untold.first_beyond is None
+    assert found.outcome is Conformity.OPEN
     (beyond,) = histories(rows[:3], ErrorMotionLimits(tilt_total=2e-6), RATE)
-    assert beyond.outcome is Outcome.BEYOND
+    assert beyond.outcome is Conformity.BEYOND
 
 
 def test_the_rate_is_of_all_figures_of_a_stage_together():

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from rotary_error_monitor.analysis.motion import analyse_motion
-from rotary_error_monitor.analysis.verdict import Outcome, judge
+from rotary_error_monitor.analysis.verdict import Conformity, judge
 from rotary_error_monitor.description.error_motion_limits import (
     ErrorMotionLimits,
     limits_from_file,
@@ -37,9 +37,9 @@ def test_within_beyond_and_between(segments, quantity, name):
     above, below = worst(segments, quantity, name)
     assert below < above
     for limit, expected in (
-        (1.001 * above, Outcome.WITHIN),
-        (0.5 * (above + below), Outcome.OPEN),
-        (0.999 * below, Outcome.BEYOND),
+        (1.001 * above, Conformity.WITHIN),
+        (0.5 * (above + below), Conformity.OPEN),
+        (0.999 * below, Conformity.BEYOND),
     ):
         outcome, (row,) = judge(segments, ErrorMotionLimits(**{f"{quantity}_{name}": limit}))
         assert (outcome, row.outcome) == (expected, expected)
@@ -48,13 +48,15 @@ def test_within_beyond_and_between(segments, quantity, name):
 
 def test_the_worst_limit_decides_and_what_is_not_told_is_open(segments):
     good, bad = ErrorMotionLimits(radial_total=1e-3), ErrorMotionLimits(radial_total=1e-3, tilt_total=1e-9)
-    assert judge(segments, good)[0] is Outcome.WITHIN
-    assert judge(segments, bad)[0] is Outcome.BEYOND
+    assert judge(segments, good)[0] is Conformity.WITHIN
+    assert judge(segments, bad)[0] is Conformity.BEYOND
     outcome, rows = judge(segments, replace(good, axial_total=1e-3))
-    assert outcome is Outcome.OPEN and rows[1].value is None
-    assert judge(segments, ErrorMotionLimits()) == (Outcome.NO_LIMITS, ())
-    assert judge((), good)[0] is Outcome.OPEN
-    assert [outcome.exit_code for outcome in (Outcome.WITHIN, Outcome.NO_LIMITS, Outcome.BEYOND, Outcome.OPEN)] == [
+    assert outcome is Conformity.OPEN and rows[1].value is None
+    assert judge(segments, ErrorMotionLimits()) == (Conformity.NO_LIMITS, ())
+    assert judge((), good)[0] is Conformity.OPEN
+    assert [
+        outcome.exit_code for outcome in (Conformity.WITHIN, Conformity.NO_LIMITS, Conformity.BEYOND, Conformity.OPEN)
+    ] == [
         *(0, 0),
         *(10, 11),
     ]

@@ -14,7 +14,7 @@ from rotary_error_monitor.description.machine import MachineDescription, load_ma
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.correction import remaining_offset
 from rotary_error_monitor.machine.kinematics import arrange_machine
-from rotary_error_monitor.machine.limits import Outcome
+from rotary_error_monitor.machine.limits import CorrectionOutcome
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.compensation import Compensator
 from rotary_error_monitor.pipeline.corrections import Correction
@@ -178,7 +178,7 @@ def compare(healthy: Run, found: Run, begin: float, end: float) -> Verdict:
     for i, stamp in enumerate(stamps.tolist()):
         if stamp in healthy.corrections:
             off[i] = np.linalg.norm(values[i, :3] - healthy.corrections[stamp].values[:3])
-    sure = np.array([found.corrections[stamp].outcome != Outcome.RATE_LIMITED for stamp in stamps.tolist()])
+    sure = np.array([found.corrections[stamp].outcome != CorrectionOutcome.RATE_LIMITED for stamp in stamps.tolist()])
     sure &= ~np.array([found.corrections[stamp].described for stamp in stamps.tolist()])
     judged = sure & np.isfinite(off) & (times > begin + 0.1)
     wrong = judged & (off > 6.0 * spread)

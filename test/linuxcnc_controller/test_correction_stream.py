@@ -9,7 +9,7 @@ from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.linuxcnc_controller.clock import NANOSECONDS
 from rotary_error_monitor.linuxcnc_controller.kinematics import RotaryTableKinematics
 from rotary_error_monitor.linuxcnc_controller.protocol import LinkSettings
-from rotary_error_monitor.linuxcnc_controller.shaping import Course
+from rotary_error_monitor.linuxcnc_controller.shaping import ShapedCourse
 from rotary_error_monitor.machine.correction import solve_axis_corrections
 from rotary_error_monitor.machine.kinematics import arrange_machine
 
@@ -37,7 +37,7 @@ def program_corrections(count=1000):
 
 def follow(corrections, look_ns):
     """What is still to go, (n, 5), and the positions, (n, 5), when the next correction comes."""
-    course = Course(LIMITS, corrections[0])
+    course = ShapedCourse(LIMITS, corrections[0])
     to_go, now_ns = [], 0
     course.advance(0)
     for index, target in enumerate(corrections):

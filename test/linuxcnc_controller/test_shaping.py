@@ -8,7 +8,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.linuxcnc_controller.shaping import LONGEST_STEP, Course, CourseLimits
+from rotary_error_monitor.linuxcnc_controller.shaping import LONGEST_STEP, CourseLimits, ShapedCourse
 
 LARGEST, SPEED = 5e-4, 2e-3
 LOOK_NS = 4_000_000
@@ -23,7 +23,7 @@ histories = st.lists(st.tuples(intervals, targets), min_size=3, max_size=150)
 
 
 def make(acceleration, start=0.0):
-    return Course(CourseLimits((LARGEST,), (SPEED,), (acceleration,)), (start,))
+    return ShapedCourse(CourseLimits((LARGEST,), (SPEED,), (acceleration,)), (start,))
 
 
 def ask(course, target):
@@ -130,7 +130,7 @@ def test_a_clock_that_stands_or_falls_moves_nothing(history, back_ns):
 
 
 def test_axes_have_limits_of_their_own():
-    course = Course(CourseLimits((1e-3, 1e-2), (1e-3, 1e-2), (0.1, 0.2)), (0.0, 0.0))
+    course = ShapedCourse(CourseLimits((1e-3, 1e-2), (1e-3, 1e-2), (0.1, 0.2)), (0.0, 0.0))
     course.aim((1e-3, -1e-2))
     for index in range(51):
         course.advance(index * LOOK_NS)

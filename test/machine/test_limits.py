@@ -12,8 +12,8 @@ from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.limits import (
     CorrectionLimits,
+    CorrectionOutcome,
     CorrectionState,
-    Outcome,
     axis_limits,
     initial_state,
     limit_corrections,
@@ -32,7 +32,7 @@ def test_slow_corrections_are_followed_exactly() -> None:
     wanted = np.outer(np.arange(50), [0.9e-6, -1.9e-6])
     limited = limit_corrections(LIMITS, initial_state(2), times(50), wanted)
     np.testing.assert_array_equal(limited.corrections, wanted)
-    np.testing.assert_array_equal(limited.outcomes, Outcome.FOLLOWED)
+    np.testing.assert_array_equal(limited.outcomes, CorrectionOutcome.FOLLOWED)
     assert limited.state == CorrectionState(tuple(wanted[-1].tolist()), 49 * MS)
 
 
@@ -45,8 +45,8 @@ def test_first_pose_holds_zero_and_the_rate_brings_it_up_on_a_straight_way() -> 
     np.testing.assert_allclose(limited.corrections[:11, 0], np.arange(11) * 1e-6, atol=1e-18)
     np.testing.assert_allclose(limited.corrections[:, 1], 0.4 * limited.corrections[:, 0], atol=1e-18)
     np.testing.assert_array_equal(limited.corrections[-1], wanted[-1])
-    assert limited.outcomes[5] == Outcome.RATE_LIMITED
-    assert limited.outcomes[-1] == Outcome.FOLLOWED
+    assert limited.outcomes[5] == CorrectionOutcome.RATE_LIMITED
+    assert limited.outcomes[-1] == CorrectionOutcome.FOLLOWED
 
 
 def test_a_pause_allows_no_jump() -> None:
@@ -59,7 +59,7 @@ def test_warning_is_followed_and_said() -> None:
     state = CorrectionState((1.5e-4, 0.0), time_ns=0)
     limited = limit_corrections(LIMITS, state, np.array([MS]), np.array([[1.501e-4, 0.0]]))
     np.testing.assert_array_equal(limited.corrections, [[1.501e-4, 0.0]])
-    assert limited.outcomes.tolist() == [Outcome.WARNING]
+    assert limited.outcomes.tolist() == [CorrectionOutcome.WARNING]
     assert not limited.state.latched
 
 
@@ -68,7 +68,11 @@ def test_error_latches_until_reset() -> None:
     wanted = np.array([[1e-5, 2e-5], [1e-5, 7e-4], [1e-5, 2e-5]])
     limited = limit_corrections(LIMITS, state, times(3, MS), wanted)
     np.testing.assert_array_equal(limited.corrections, np.tile([1e-5, 2e-5], (3, 1)))
-    assert limited.outcomes.tolist() == [Outcome.FOLLOWED, Outcome.LATCHED, Outcome.LATCHED]
+    assert limited.outcomes.tolist() == [
+        CorrectionOutcome.FOLLOWED,
+        CorrectionOutcome.LATCHED,
+        CorrectionOutcome.LATCHED,
+    ]
     assert limited.state.reason == f"correction 7.000e-04 of axis C at {2 * MS} ns is beyond the error limit 6.000e-04"
 
     held = limit_corrections(LIMITS, limited.state, times(2, 5 * MS), np.tile([1.1e-5, 2e-5], (2, 1)))
@@ -86,14 +90,14 @@ def test_a_correction_that_is_no_number_holds_for_its_own_pose(bad: float) -> No
     wanted = np.array([[1.09e-5, 0.0], [bad, 0.0], [1.18e-5, 0.0]])
     limited = limit_corrections(LIMITS, state, times(3, MS), wanted)
     np.testing.assert_array_equal(limited.corrections[:, 0], [1.09e-5, 1.09e-5, 1.18e-5])
-    assert limited.outcomes.tolist() == [Outcome.FOLLOWED, Outcome.HELD, Outcome.FOLLOWED]
+    assert limited.outcomes.tolist() == [CorrectionOutcome.FOLLOWED, CorrectionOutcome.HELD, CorrectionOutcome.FOLLOWED]
 
 
 def test_an_unusable_correction_neither_moves_nor_latches() -> None:
     state = CorrectionState((1e-5, 0.0), time_ns=0)
     limited = limit_corrections(LIMITS, state, times(1, MS), np.array([[1.0, 1.0]]), usable=np.array([False]))
     np.testing.assert_array_equal(limited.corrections, [[1e-5, 0.0]])
-    assert limited.outcomes.tolist() == [Outcome.HELD]
+    assert limited.outcomes.tolist() == [CorrectionOutcome.HELD]
     assert not limited.state.latched
 
 

@@ -22,7 +22,7 @@ from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.reproduction.lou2019 import PAPER, SIMULATED
 from rotary_error_monitor.reproduction.lou2019_figures import Readings, original_errors
 from rotary_error_monitor.reproduction.page import page
-from rotary_error_monitor.reproduction.procedure import Bench, Reproduction, Row, Step
+from rotary_error_monitor.reproduction.procedure import Bench, ProcedureStep, Reproduction, Row
 from rotary_error_monitor.sources.mock import MockSettings, mock_stage
 
 EPOCH_NS = 1_763_700_000_000_000_000
@@ -120,8 +120,10 @@ def _reproduction(folder: Path) -> Path:
         Row("largest residual from the LVDT at 5 mm", "less than 2 µm", "2.31 µm", "forces that nobody stated", False),
         Row("eccentricity of the grid disc (Figure 7)", "no value", "(23.7, -10.9) µm", "the paper shows a curve"),
     ]
-    step = Step("Measure ring and mirror", "Section 2.1", typed, said, figures, "The shaft is between centres.")
-    found = Reproduction("lou2019", PAPER, SIMULATED, (step, Step("Nothing", "Section 4")), tuple(rows))
+    step = ProcedureStep(
+        "Measure ring and mirror", "Section 2.1", typed, said, figures, "The shaft is between centres."
+    )
+    found = Reproduction("lou2019", PAPER, SIMULATED, (step, ProcedureStep("Nothing", "Section 4")), tuple(rows))
     (folder / "page.html").write_text(page(found), encoding="utf-8")
     return folder / "page.html"
 

@@ -12,7 +12,7 @@ from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.error_model import predict_tool_offset
 from rotary_error_monitor.machine.kinematics import arrange_machine
-from rotary_error_monitor.machine.limits import Outcome
+from rotary_error_monitor.machine.limits import CorrectionOutcome
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.compensation import CompensationSettings, Compensator, InputsUsed
 
@@ -106,7 +106,7 @@ def test_corrections_null_the_offset_and_say_what_remains():
     _, corrections = run(Compensator(MACHINE))
     assert len(corrections) > 30
     for correction in corrections[10:]:
-        assert correction.outcome == Outcome.FOLLOWED
+        assert correction.outcome == CorrectionOutcome.FOLLOWED
         assert correction.direction_spanned
     reports = [correction.report for correction in corrections[10:] if correction.report is not None]
     assert len(reports) == len(corrections[10:]) // 5, "one each 50 ms"
@@ -208,9 +208,9 @@ def test_an_error_limit_latches_until_reset():
 
 def test_a_warning_limit_warns_and_a_rate_limit_slows():
     warned = run(Compensator(MACHINE, CompensationSettings(linear_limits=(1e-9, 1e-3, 1.0))))[1]
-    assert {correction.outcome for correction in warned[5:]} == {Outcome.WARNING}
+    assert {correction.outcome for correction in warned[5:]} == {CorrectionOutcome.WARNING}
     slow = run(Compensator(MACHINE, CompensationSettings(linear_limits=(1e-4, 5e-4, 1e-5))))[1]
-    assert slow[3].outcome == Outcome.RATE_LIMITED
+    assert slow[3].outcome == CorrectionOutcome.RATE_LIMITED
     assert np.abs(np.diff([c.values[:3] for c in slow], axis=0)).max() <= 1e-5 * 0.010 * (1 + 1e-9)
     assert max(np.abs(each.report.remaining[:3]).max() for each in slow[:5] if each.report) > 1e-7
 

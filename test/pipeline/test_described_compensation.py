@@ -12,7 +12,7 @@ from pushed_inputs import push_error_motion, push_joint_state
 
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.machine.limits import Outcome
+from rotary_error_monitor.machine.limits import CorrectionOutcome
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.metrology.guideway_compensation import count_reversals
 from rotary_error_monitor.pipeline.compensation import CompensationSettings, Compensator, InputsUsed
@@ -53,7 +53,7 @@ def test_x_and_z_in_and_a_correction_of_y_out_that_never_reverses() -> None:
     x = np.array([positions["X"] for _, positions in states[1:]])
     y_scale = GRINDER.errors["EYY"].poly[1] * (2 * 0.1 / 0.55 - 1)
     expected = -(straight("EYX", x) + straight("EYZ", np.array(-0.4)) + y_scale)
-    followed = np.array([correction.outcome == Outcome.FOLLOWED for correction in found])
+    followed = np.array([correction.outcome == CorrectionOutcome.FOLLOWED for correction in found])
     assert followed[5:].all(), "after the start, which the rate limit slows"
     np.testing.assert_allclose(values[5:, Y], expected[5:], atol=1e-10)
     assert np.abs(np.delete(values, Y, axis=1)).max() < 1e-11, "X and Z are left alone"

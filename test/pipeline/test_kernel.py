@@ -19,7 +19,7 @@ from rotary_error_monitor.pipeline.joints import AxisPositions, JointTrack
 from rotary_error_monitor.pipeline.live_components import Carrier
 from rotary_error_monitor.pipeline.publication import AssemblyVariance, Believed, Publication
 from rotary_error_monitor.pipeline.ticks import TickMaker
-from rotary_error_monitor.pipeline.verdict import DOUBTS, Verdict
+from rotary_error_monitor.pipeline.verdict import DOUBTS, InputVerdict
 from rotary_error_monitor.signals.resampling import Resampled
 
 pytestmark = pytest.mark.skipif(not is_built(), reason="the library was not compiled")
@@ -77,9 +77,9 @@ def test_ticks_have_the_bits_of_numpy(seed: int) -> None:
         assert_same_bits(mine, its)
 
 
-def drawn_verdict(rng: np.random.Generator) -> Verdict:
+def drawn_verdict(rng: np.random.Generator) -> InputVerdict:
     reaches = [Reach(*(1e-6 * rng.normal(size=2)), rng.choice([1e-7, 3e-6, np.inf])) for _ in range(3)]
-    return Verdict(
+    return InputVerdict(
         excluded=int(rng.integers(0, 64)),
         doubts=int(rng.integers(0, 1 << len(DOUBTS))) if rng.random() < 0.5 else 0,
         head_scale=float(rng.uniform(1.0, 3.0)),

@@ -6,7 +6,7 @@ import pytest
 
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.reproduction.page import page, text_table
-from rotary_error_monitor.reproduction.procedure import Bench, Reproduction, Row, Step
+from rotary_error_monitor.reproduction.procedure import Bench, ProcedureStep, Reproduction, Row
 
 ROWS = (
     Row("speed", "1 r/s", "1.00 r/s", "rounded", True),
@@ -15,7 +15,7 @@ ROWS = (
 
 
 def of(*rows: Row) -> Reproduction:
-    return Reproduction("lou2019", "Lou et al.", "a stage", (Step("Measure", "Section 3"),), rows)
+    return Reproduction("lou2019", "Lou et al.", "a stage", (ProcedureStep("Measure", "Section 3"),), rows)
 
 
 def test_a_command_that_fails_is_told_with_what_it_said(tmp_path):

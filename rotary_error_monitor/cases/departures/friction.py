@@ -12,7 +12,7 @@ from rotary_error_monitor.cases.departures.departure import Departure, Part, Rea
 from rotary_error_monitor.cases.faults import Named
 from rotary_error_monitor.cases.faults.rotor import RadialHysteresis, ReversalBacklash
 from rotary_error_monitor.plant.geometry import Plane
-from rotary_error_monitor.plant.motion import Course
+from rotary_error_monitor.plant.motion import CommandedCourse
 from rotary_error_monitor.plant.stage import Fault, Scene
 
 STEP = 0.004
@@ -21,7 +21,7 @@ AT_REST = 1e-9
 """Travel, rad, within a step that is rounding."""
 
 
-def side_of_play(motion: Course, time: Reals, travel: float, release: float, before: float) -> Reals:
+def side_of_play(motion: CommandedCourse, time: Reals, travel: float, release: float, before: float) -> Reals:
     """Side, from -1 to 1, on which a drive with friction and compliant flanks lies at `time` (n,) s.
 
     While it moves the side goes to that of the travel as `exp(-travelled / travel)`: Dahl's friction, of which the play
