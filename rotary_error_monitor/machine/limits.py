@@ -86,7 +86,7 @@ class LimitedCorrections:
 
     Attributes:
         corrections: (n, axes) to be applied; always finite.
-        outcomes: (n,) what became of each, as `Outcome`.
+        outcomes: (n,) what became of each, as `CorrectionOutcome`.
         state: to be passed with the next poses.
     """
 

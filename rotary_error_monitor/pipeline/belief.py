@@ -356,7 +356,7 @@ class Belief:
         """Verdict by what stands and by what the judges say of one window, as they give it in `take_in`."""
         excluded, doubts, unresolved, unresolved_tilt, settled = standing
         lag = command[0]
-        values = (  # in the order of `Verdict`
+        values = (  # in the order of `InputVerdict`
             excluded,
             doubts,
             heads[0],

@@ -37,7 +37,7 @@ class Decision:
 
     Attributes:
         streams: bit mask of the streams that were used.
-        doubts, head_scale, tilt_scale, lag, unresolved, unresolved_tilt: as in `Verdict`; none where a run of an
+        doubts, head_scale, tilt_scale, lag, unresolved, unresolved_tilt: as in `InputVerdict`; none where a run of an
             earlier version did not say.
         sensor_scale, sensor_conflict: by which standard deviations of the listed sensors were multiplied.
     """
@@ -63,7 +63,7 @@ def decision_rows(motion: ErrorMotion) -> NDArray[np.float64]:
 
 
 class Believed:
-    """What is believed at m ticks, as arrays (m,) of what a `Verdict` holds for one.
+    """What is believed at m ticks, as arrays (m,) of what a `InputVerdict` holds for one.
 
     Attributes:
         reals, integers: (m, 15) and (m, 3) all of it, of which the others are views; columns as in

@@ -55,7 +55,7 @@ class Standing(NamedTuple):
     """What of a verdict changes only where something is doubted, believed again or measured.
 
     Attributes:
-        excluded, doubts, settled: as in `Verdict`.
+        excluded, doubts, settled: as in `InputVerdict`.
         unresolved: what mistakes in the description make of the radial error motion, m.
         unresolved_tilt: of the tilt, rad.
     """

@@ -34,7 +34,8 @@ KIND_OF_ONES_OWN = "pip install ./doc/examples/bath_thermometer"
 SENSOR_OF_ONES_OWN = "pip install ./doc/examples/ball_probe"
 MONITOR = "ros2 run rotary_error_monitor gap_monitor --ros-args -p effects:=doc/examples/oil_film.py"
 WIRE = "rotary_error_monitor wire"
-HERE = {COMMISSION, KIND_OF_ONES_OWN, SENSOR_OF_ONES_OWN, MONITOR, WIRE}
+FORMS = "rotary_error_monitor check --stage config/stage.yaml"
+HERE = {COMMISSION, KIND_OF_ONES_OWN, SENSOR_OF_ONES_OWN, MONITOR, WIRE, FORMS}
 
 LIVE = "test/commissioning/test_live.py"
 OPCUA = "test/nodes/test_opcua_server.py"
@@ -224,6 +225,14 @@ def test_a_new_stage_is_commissioned(checkout_copy):
     bag, _ = written(build(5, count=5, even=False, swap=False, known_tilt=True, duration=24.0), checkout_copy)
     assert run(COMMISSION, {"BAG": bag}) == 0
     assert (checkout_copy / "stage.yaml").is_file()
+
+
+def test_what_the_sensors_of_the_shipped_stage_take_for_motion(monkeypatch, capsys):
+    """The page shows what is printed."""
+    monkeypatch.chdir(ROOT)
+    assert main(shlex.split(FORMS)[1:]) == 0
+    said = capsys.readouterr().out.strip()
+    assert f"```text\n{said}\n```" in (DOC / "sensors.md").read_text(encoding="utf-8")
 
 
 def test_a_kind_of_ones_own_is_installed(checkout_copy, monkeypatch):
