@@ -109,7 +109,7 @@ DRAWN := $(addprefix test/,analysis/test_trend.py analysis/test_whole_recording.
 	$(addprefix commissioning/test_,command.py late_instruments.py travel.py) \
 	$(addprefix faults/test_,all_late.py begin.py calibrated.py common_zero.py ends.py far_commands.py fast_stages.py \
 	few_heads.py gaps.py giving_drives.py machine_faults.py recordings.py recovery.py responses.py sampled_commands.py \
-	sampled_heads.py scattered_samples.py two_faults.py) $(addprefix kinds/mount/test_,periods.py problem.py slow_noise.py) \
+	sampled_heads.py scattered_samples.py stuck_axis.py two_faults.py) $(addprefix kinds/mount/test_,periods.py problem.py slow_noise.py) \
 	kinds/machine/test_warming.py $(addprefix kinds/quadrature/test_,noise.py problem.py) \
 	noise/test_listed_noise.py \
 	$(addprefix kinds/stage/test_,added_forms.py arc.py diagnosis.py forces.py no_gap.py) \

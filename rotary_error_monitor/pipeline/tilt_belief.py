@@ -13,7 +13,7 @@ from rotary_error_monitor.metrology.description_check import DARK, MIRRORED, Cla
 from rotary_error_monitor.metrology.repeated_readings import run_by_chance
 from rotary_error_monitor.pipeline.evidence import LONG, SHORT, SIGMAS, Reach, Window, Windows
 from rotary_error_monitor.pipeline.head_belief import AGREEMENT
-from rotary_error_monitor.pipeline.tilt_look import Look, bounds_of, mean_of
+from rotary_error_monitor.pipeline.tilt_look import Look, StillParts, bounds_of, mean_of
 from rotary_error_monitor.pipeline.trailing import Trailing
 from rotary_error_monitor.pipeline.turn_memory import distance
 from rotary_error_monitor.pipeline.usual_level import UsualLevel
@@ -81,6 +81,7 @@ class TiltBelief:
         self._before: tuple[float, float] | None = None
         self._last: Look | None = None
         self._still: Look | None = None
+        self._still_parts = StillParts(self._instrument)
         self._repeated: tuple[float, float] | None = None
         self._calm: Look | None = None
         self._gone = self._most_gone = 0.0
@@ -94,6 +95,7 @@ class TiltBelief:
         self._agreeing = 0.0
         self._recent.clear()
         self._last = self._still = self._repeated = self._calm = None
+        self._still_parts.clear()
         self._gone = 0.0
 
     def judge(self, window: Window) -> None:
@@ -102,14 +104,15 @@ class TiltBelief:
         self.scale = self._noise_scale
         if not (window.has("tilt") and window.tells_rotation):
             self._still = self._repeated = self._calm = None
+            self._still_parts.clear()
             self._agreeing = self._gone = 0.0
             return
         mean, duration = window.mean, window.duration
         self._drifted = self._drift(duration)
         samples = window.ticks * mean.tilt_samples
-        here = window.pair("tilt"), window.pair("tilt_surplus"), samples, mean.tilt_variance
-        self._here = self._look(window.number, mean.theta, *here)
-        stuck = self._is_stuck(samples, duration) or self._stands(duration)
+        shown = window.pair("tilt"), window.pair("tilt_surplus"), samples, mean.tilt_variance
+        self._here = here = self._look(window.number, mean.theta, *shown)
+        stuck = self._is_stuck(samples, duration) or self._still_parts.judge(here, duration) or self._stands(duration)
         step = self._step(duration)
         wrong = stuck or step or self._beyond()
         if not wrong:
@@ -137,7 +140,7 @@ class TiltBelief:
         least = self._noise / math.sqrt(max(1.0, windows.ticks * max(windows.mean.tilt_samples)))
         allowed = self._step_allowed(duration, math.hypot(least, self._drift(duration)))
         return (
-            all(one != other for one, other in pairwise(readings))
+            all(one[0] != other[0] and one[1] != other[1] for one, other in pairwise(readings))
             and all(distance(one, other) <= allowed for one, other in pairwise(surplus))
             and all(math.hypot(x, y) <= 2.0 * self._limits.tilt for x, y in surplus)
         )
@@ -156,6 +159,7 @@ class TiltBelief:
         wrong = self._misread(windows.last.number, math.sqrt(mean.tilt_variance[-1]), new=False)
         for look, scale in zip(looks, scales, strict=True):
             self._here = self._still = look
+            self._still_parts.moved(look)
             self._stands(duration)
             self._noise_scale = scale
             if wrong and look is looks[-1]:

@@ -50,6 +50,8 @@ def window(number, reading, *, there=True, described=0.0, theta=0.0):
         mean[INDEX[name]] = 1.0
     mean[INDEX["tilt"]] = float(there)
     mean[INDEX["tilt_x"]], mean[INDEX["tilt_surplus_x"]] = reading, reading - described
+    # a little of it in y, which would else be stuck
+    mean[INDEX["tilt_y"]], mean[INDEX["tilt_surplus_y"]] = 1e-3 * reading, 1e-3 * (reading - described)
     mean[INDEX["tilt_variance"]] = STAGE.autocollimator.noise**2
     return Window(number, 0.01, 10, Means(*mean), Scatter(0.0, 0.0, 0.0), np.zeros(2), 63, True)
 
