@@ -25,8 +25,8 @@ from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.gap.bounded import descend_within
 from rotary_error_monitor.gap.normal import BlockNormal, Normal, own_products, stack, width_of
-from rotary_error_monitor.gap.p_values import log_chi_square_tail
-from rotary_error_monitor.gap.problem import Candidate, Columns, Conditions, Problem, Rows
+from rotary_error_monitor.gap.p_values import log_f_tail
+from rotary_error_monitor.gap.problem import Candidate, Columns, Conditions, LearntNoise, Problem, Rows
 
 _SINGULAR = 1e-9
 """Part of a column that must remain beside the others for its amplitude to be looked at at all."""
@@ -45,6 +45,7 @@ class Hypothesis:
         dof: degrees of freedom, the number of amplitudes.
         log_evidence: relative to no effect, prior of the search included.
         amplitudes: best values, member after member.
+        noise_dof: degrees of freedom with which the level of the noise is known.
     """
 
     members: tuple[int, ...]
@@ -52,11 +53,12 @@ class Hypothesis:
     dof: int
     log_evidence: float
     amplitudes: Array
+    noise_dof: float = np.inf
 
     @property
     def log_p_value(self) -> float:
         """Natural logarithm of the chance that noise alone gives this reduction to these columns."""
-        return log_chi_square_tail(self.reduction, self.dof)
+        return log_f_tail(self.reduction / max(self.dof, 1), max(self.dof, 1), self.noise_dof)
 
     def evidence_in(self, scatter: float) -> float:
         """Log evidence where squares are `scatter` times those of noise: they are divided by it, priors are not."""
@@ -106,6 +108,7 @@ class HypothesisTable:
         self._owner = np.repeat(np.arange(len(scales)), [len(scale) for scale in scales])
         self.normal: Normal = self.blocks.total().without(self.nuisances)
         self._dropped: set[int] = set()
+        self.noise_dof = problem.noise_dof if isinstance(problem, LearntNoise) else np.inf
         self.effects = len({candidate.effect.name for candidate in self.candidates})
 
     def drop(self, member: int) -> None:
@@ -142,7 +145,12 @@ class HypothesisTable:
                 prior = sum(self.log_prior(member) for member in sets[i])
                 log_evidence = float(0.5 * reduction[row] - price[row] + prior)
                 found[i] = Hypothesis(
-                    tuple(sets[i]), float(reduction[row]), int(dof[row]), log_evidence, amplitudes[row].copy()
+                    tuple(sets[i]),
+                    float(reduction[row]),
+                    int(dof[row]),
+                    log_evidence,
+                    amplitudes[row].copy(),
+                    self.noise_dof,
                 )
         return [found[i] for i in range(len(sets))]
 

@@ -10,7 +10,7 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -277,6 +277,18 @@ class Problem(Protocol):
         Called beside each set of causes that is tested: what was learnt beside fewer may have been one of these. Says
         whether the rows have changed by it.
         """
+
+
+@runtime_checkable
+class LearntNoise(Protocol):
+    """A problem whose recording is so short that the level of its noise is known to some per cent only.
+
+    What stands out of noise by chance does so more often where that is louder than it is taken to be.
+    """
+
+    @property
+    def noise_dof(self) -> float:
+        """Degrees of freedom with which the variance of the noise is known; infinite where it is as stated."""
 
 
 class DiagnosableProblem(Problem, Protocol):

@@ -14,7 +14,7 @@ from rotary_error_monitor.gap.fitted_sets import FittedSets, set_of
 from rotary_error_monitor.gap.fitting import Fit, fit_causes
 from rotary_error_monitor.gap.held_out import dispersion
 from rotary_error_monitor.gap.hypotheses import Hypothesis
-from rotary_error_monitor.gap.p_values import chi_square_quantile, log_chi_square_tail
+from rotary_error_monitor.gap.p_values import chi_square_quantile, log_f_tail
 from rotary_error_monitor.gap.posterior import (
     Posterior,
     beside_proportional,
@@ -137,7 +137,7 @@ def _entering(problem: Problem, step: Step, fit: Fit) -> list[Finding]:
     columns = problem.signature(at_zero, candidate.linear, fit.causes)
     reductions, dof = reductions_beside(problem, fit, columns)
     # All known effects together have as much of the false-alarm rate as all tests for structure.
-    log_p_value = log_chi_square_tail(sum(reductions.values()), dof) - table.log_prior(member)
+    log_p_value = log_f_tail(sum(reductions.values()) / dof, dof, table.noise_dof) - table.log_prior(member)
     log_p_value += step.log_alarm - step.log_alarm_entering
     words = " at ".join(filter(None, candidate.key))
     return [

@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.description.machine import MachineDescription
+from rotary_error_monitor.effects.machine_effect import LINEAR
 from rotary_error_monitor.gap.options import FALSE_ALARMS
 from rotary_error_monitor.gap.orders import trials_of_waves
 
@@ -32,6 +34,18 @@ ComplexArray = NDArray[np.complex128]
 def count_places(position: Array) -> int:
     """Number of different places among positions (n,), m."""
     return 1 + int(np.count_nonzero(np.diff(np.sort(position)) > CELL * PERIODS[0])) if len(position) else 0
+
+
+def told_at_few_places(machine: MachineDescription, positions: Array) -> list[str]:
+    """Remarks on linear axes of which no period is looked for, from positions (n, axes)."""
+    axes = zip(machine.axes, positions.T, strict=True)
+    places = {axis.letter: count_places(position) for axis, position in axes if axis.kind == LINEAR}
+    return [
+        f"{letter} stood at {count} places: a cyclic error of it is not looked for, and what is named may be one; "
+        f"probe at {FEWEST_PLACES} or more"
+        for letter, count in places.items()
+        if 1 < count < FEWEST_PLACES
+    ]
 
 
 def find_period(position: Array, signal: Array, tests: int) -> tuple[float, float]:

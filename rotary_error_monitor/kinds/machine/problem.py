@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.effects.effect import Cause
-from rotary_error_monitor.effects.machine_effect import LINEAR, MachineEffect
+from rotary_error_monitor.effects.machine_effect import MachineEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.departures import Departures
 from rotary_error_monitor.gap.known_effects import KnownEffects
@@ -21,7 +21,7 @@ from rotary_error_monitor.gap.problem import Columns, Finding, Rows, Share
 from rotary_error_monitor.gap.slow_noise import Rivals, cosines, learn_slow_noise
 from rotary_error_monitor.kinds.machine.modulations import machine_departures
 from rotary_error_monitor.kinds.machine.noise_level import AS_STATED, ProbeNoiseEstimator
-from rotary_error_monitor.kinds.machine.periods import FEWEST_PLACES, count_places
+from rotary_error_monitor.kinds.machine.periods import told_at_few_places
 from rotary_error_monitor.kinds.machine.smooth import SmoothMachine
 from rotary_error_monitor.kinds.machine.table import MachineTable
 from rotary_error_monitor.kinds.machine.warming import moved_by_temperature, with_smooth_temperature
@@ -110,7 +110,12 @@ class MachineProblem(MachineTable):
         """Tests of what is left: its power, that of each component, and every smooth error of a machine's axes."""
         white, count = np.concatenate([rest[channel][:, 0] for channel in self.channels]), int(self.kept.sum())
         findings = [self._scatter("probe", white, 3 * count), *self._scatter_of_each(rest)]
-        return [*findings, *self._smooth.findings(white, self.kept)]
+        return [*findings, *self._smooth.findings(white, self.kept, self.noise_dof)]
+
+    @property
+    def noise_dof(self) -> float:
+        """Degrees of freedom with which the level of the probe's noise is known."""
+        return self._noise.level.dof
 
     def _scatter_of_each(self, rest: Rows) -> list[Finding]:
         """A component alone, which may be the louder one of all, is one of as many."""
@@ -247,7 +252,7 @@ class MachineProblem(MachineTable):
             *self.recording.remarks,
             *self._otherwise(),
             *self._drifting(),
-            *self._at_few_places(),
+            *told_at_few_places(self.machine, self.recording.positions[self.kept]),
             *([f"{lost} poses are outliers of the probe and were left out"] if lost else []),
             *([f"probe: what is left scatters {scatter:.2f} times as much as the probe's noise"] if noisy else []),
             *self._uneven(rest),
@@ -278,16 +283,6 @@ class MachineProblem(MachineTable):
     def _drifting(self) -> list[str]:
         size = 1e6 * self.probe_std * self._drifted
         return [f"probe: drifts by {size:.2g} µm (root mean square) beside its noise"] if size else []
-
-    def _at_few_places(self) -> list[str]:
-        axes = zip(self.machine.axes, self.recording.positions[self.kept].T, strict=True)
-        places = {axis.letter: count_places(position) for axis, position in axes if axis.kind == LINEAR}
-        return [
-            f"{letter} stood at {count} places: a cyclic error of it is not looked for, and what is named may be one; "
-            f"probe at {FEWEST_PLACES} or more"
-            for letter, count in places.items()
-            if 1 < count < FEWEST_PLACES
-        ]
 
     def _slow_noise(self) -> SlowNoise:
         return SlowNoise(Cells(np.arange(len(self.index)), self.kept.astype(np.float64)), self.drift)

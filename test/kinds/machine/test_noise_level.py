@@ -13,6 +13,7 @@ from rotary_error_monitor.cases.making import make_machine_case
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.machine_effect import MachineEffect
 from rotary_error_monitor.gap.diagnosis import diagnose
+from rotary_error_monitor.gap.hypotheses import Hypothesis, HypothesisTable
 from rotary_error_monitor.gap.verdict import Verdict
 from rotary_error_monitor.kinds.machine.problem import PROBE_STD, MachineProblem
 from rotary_error_monitor.twin.machine import MachineRecording
@@ -245,3 +246,18 @@ def test_a_tracker_that_is_noisier_in_one_direction_is_stated_by_component(seed)
     assert diagnose(again).verdict is Verdict.NO_GAP
     assert again.probe_std / again.stated_std == pytest.approx(1.0, abs=0.08)
     np.testing.assert_allclose(again.std / np.maximum(parts, 1.0), PROBE_STD, rtol=0.08)
+
+
+def test_chance_stands_out_of_a_level_that_is_estimated_no_more_often_than_is_named():
+    """A known effect and a smooth error, of noise that the level is too low for by what it is uncertain by."""
+    problem, _ = probed(290, 1.5)
+    dof = problem.noise_dof
+    assert 50 < dof < 500
+    draw = np.random.default_rng(7)
+    louder = np.sqrt(draw.chisquare(dof, 20000) / dof)
+    gains = np.square(draw.normal(size=(20000, 2)) / louder[:, None]).sum(axis=1)
+    hypotheses = [Hypothesis((0,), float(gain), 2, 0.0, np.zeros(2), dof) for gain in gains]
+    alarms = sum(each.log_p_value < np.log(1e-3) for each in hypotheses)
+    assert 8 <= alarms <= 32, alarms
+    stated = HypothesisTable(problem, problem.residual(()), problem.nuisance(()), (), ())
+    assert stated.noise_dof == dof
