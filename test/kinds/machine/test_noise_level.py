@@ -253,11 +253,11 @@ def test_chance_stands_out_of_a_level_that_is_estimated_no_more_often_than_is_na
     problem, _ = probed(290, 1.5)
     dof = problem.noise_dof
     assert 50 < dof < 500
-    draw = np.random.default_rng(7)
-    louder = np.sqrt(draw.chisquare(dof, 20000) / dof)
-    gains = np.square(draw.normal(size=(20000, 2)) / louder[:, None]).sum(axis=1)
-    hypotheses = [Hypothesis((0,), float(gain), 2, 0.0, np.zeros(2), dof) for gain in gains]
-    alarms = sum(each.log_p_value < np.log(1e-3) for each in hypotheses)
-    assert 8 <= alarms <= 32, alarms
-    stated = HypothesisTable(problem, problem.residual(()), problem.nuisance(()), (), ())
-    assert stated.noise_dof == dof
+    draw, count = np.random.default_rng(7), 600_000
+    louder = draw.chisquare(dof, count) / dof
+    gains = draw.chisquare(2, count) / louder
+    hypotheses = [Hypothesis((0,), float(gain), 2, 0.0, np.zeros(2), dof) for gain in gains[gains > 14]]
+    alarms = sum(each.log_p_value < np.log(1e-4) for each in hypotheses)
+    known = sum(replace(each, noise_dof=np.inf).log_p_value < np.log(1e-4) for each in hypotheses)
+    assert 35 <= alarms <= 85 < known, (alarms, known)
+    assert HypothesisTable(problem, problem.residual(()), problem.nuisance(()), (), ()).noise_dof == dof
