@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +15,13 @@ from rotary_error_monitor.gap.held_out import dispersion
 from rotary_error_monitor.gap.normal import Normal, solve_scaled, width_of
 from rotary_error_monitor.gap.problem import Problem
 from rotary_error_monitor.gap.proportion import log_odds_in_proportion
+
+MOST_EXCHANGED = 3
+"""Kinds of which one may give way to another: what needs more is hardly a cause that departs, and the time that it
+takes to look at all goes with the square of their number."""
+
+_NO_MORE = 1e-9
+"""Growth of the evidence that is rounding."""
 
 
 def with_departures(problem: Problem, fit: Fit, false_alarms: float = 1.0) -> Fit:
@@ -62,7 +69,9 @@ def likeliest_kinds(
     """Kinds of columns that data ask for, and the logarithm of their marginal likelihood relative to none.
 
     Kinds join one by one, each time that with the most evidence, as long as that grows by more than the logarithm of
-    the number of kinds there are, and `least`. Those that joined before leave where they are worth no more than that.
+    the number of kinds there are, and `least`. Those that joined before leave where they are worth no more than that,
+    and one gives way to another in its place with which the evidence is larger: what took most of the data when it
+    joined may need others that cancel much of it.
 
     Args:
         gram: (q, q) products of columns with unit Gaussian priors.
@@ -93,7 +102,23 @@ def likeliest_kinds(
                 break
             best = without[least_needed]
             chosen.remove(least_needed)
+        if len(chosen) <= MOST_EXCHANGED:
+            chosen, best = _exchanged(chosen, kinds, evidence, best)
     return set(chosen), best - price * len(chosen)
+
+
+def _exchanged(
+    chosen: list[Hashable], kinds: Sequence[Hashable], evidence: Callable[[Sequence[Hashable]], float], best: float
+) -> tuple[list[Hashable], float]:
+    """Kinds of which one at a time gives way to another, as long as the evidence, `best` at first, grows by it."""
+    while True:
+        others = [kind for kind in kinds if kind not in chosen]
+        trials = [[*chosen[:k], kind, *chosen[k + 1 :]] for k in range(len(chosen)) for kind in others]
+        grown = {i: evidence(trial) for i, trial in enumerate(trials)}
+        likeliest = max(grown, key=lambda i: grown[i], default=-1)
+        if likeliest < 0 or grown[likeliest] <= best + _NO_MORE:
+            return chosen, best
+        chosen, best = trials[likeliest], grown[likeliest]
 
 
 def log_evidence(gram: Array, moment: Array, index: NDArray[np.intp]) -> float:

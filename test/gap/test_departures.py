@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import re
 
 import numpy as np
@@ -13,7 +14,7 @@ from scipy.stats import multivariate_normal
 from rotary_error_monitor.effects.effect import Cause, Parameter, Role, order_location
 from rotary_error_monitor.effects.library import effect_named, load_effects
 from rotary_error_monitor.effects.rotor import StageEffect, effects_of
-from rotary_error_monitor.gap.departure_selection import likeliest_kinds
+from rotary_error_monitor.gap.departure_selection import likeliest_kinds, log_evidence
 from rotary_error_monitor.gap.departures import (
     COURSES,
     SHARE,
@@ -195,6 +196,29 @@ def test_a_kind_that_stood_for_two_others_leaves_when_they_have_joined(seed):
     data = 0.5 * (first + second) + rng.normal(size=2000)
     found, _ = likeliest_kinds(columns.T @ columns, columns.T @ data, ["alike"] * 8 + ["first", "second"])
     assert found == {"first", "second"}
+
+
+def test_of_kinds_that_look_nearly_the_same_the_likeliest_are_found():
+    """Of all sets of up to three kinds; one that joined first stood for others, at worst beside one that cancels it."""
+    passed, draws, missed = np.linspace(0, 1, 400), 60, 0
+    warm = {lag: passed - lag * -np.expm1(-passed / lag) for lag in (0.06, 0.25, 1.0)}
+    slow = {"time": [passed], "temperature": [-np.expm1(-passed / 0.35)], "lagging": list(warm.values())}
+    waves = {"settling": [settling(passed).values], "course": [m.values for m in slow_courses(passed)]}
+    kinds = {name: np.column_stack([w - np.mean(w) for w in rows]) for name, rows in {**slow, **waves}.items()}
+    columns = np.hstack([rows / np.std(rows) if name in slow else rows for name, rows in kinds.items()])
+    labels = np.repeat(list(kinds), [rows.shape[1] for rows in kinds.values()])
+    sets = [some for size in (1, 2, 3) for some in itertools.combinations(kinds, size)]
+    for seed in range(draws):
+        rng = np.random.default_rng(seed)
+        size, memory = 10 ** rng.uniform(0.0, 1.3), 400 * rng.uniform(0.1, 0.4)
+        wanders = lfilter([np.sqrt(-np.expm1(-2 / memory))], [1.0, -np.exp(-1 / memory)], rng.normal(size=500))[100:]
+        data = 0.18 * size * wanders + rng.normal(size=400)
+        gram, moment = 0.09 * size**2 * columns.T @ columns, 0.3 * size * columns.T @ (data - np.mean(data))
+        _, found = likeliest_kinds(gram, moment, labels.tolist())
+        evidence = [log_evidence(gram, moment, np.flatnonzero(np.isin(labels, some))) for some in sets]
+        prices = [np.log(len(kinds)) * len(some) for some in sets]
+        missed += max(np.subtract(evidence, prices)) > found + 1e-6
+    assert missed < 0.1 * draws
 
 
 def test_courses_describe_what_wanders_within_a_tenth_of_the_recording():
