@@ -389,12 +389,13 @@ def test_topics_of_ones_own_are_recorded(cell, tmp_path):
     sensor = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
     coolant = cell.node.create_publisher(Temperature, "/left/coolant", sensor)
     cell.wait_until(lambda: current.get_subscription_count() and coolant.get_subscription_count(), "the recorder")
-    cell.forget_status("left/recorder: recording")
     sent = np.arange(20.0)
     for value in sent:
         current.publish(Float64(data=value))
         coolant.publish(Temperature(temperature=value))
         cell.spin_for(0.01)
+    assert current.wait_for_all_acked()  # the last may still be on its way, and comes before the next word
+    cell.forget_status("left/recorder: recording")
     cell.wait_until(lambda: cell.recorder_hears({"/spindle/current", "/left/coolant"}, "left/recorder"), "its word")
     cell.remove(recorder)
     with AnyReader([bag]) as reader:
