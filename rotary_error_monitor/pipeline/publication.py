@@ -63,7 +63,7 @@ def decision_rows(motion: ErrorMotion) -> NDArray[np.float64]:
 
 
 class Believed:
-    """What is believed at m ticks, as arrays (m,) of what a `InputVerdict` holds for one.
+    """What is believed at m ticks, as arrays (m,) of what an `InputVerdict` holds for one.
 
     Attributes:
         reals, integers: (m, 15) and (m, 3) all of it, of which the others are views; columns as in

@@ -15,6 +15,7 @@ from rotary_error_monitor.machine.kinematics import arrange_machine
 from rotary_error_monitor.machine.limits import CorrectionOutcome
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.compensation import CompensationSettings, Compensator, InputsUsed
+from rotary_error_monitor.pipeline.joints import unpack_directions
 
 MACHINE = load_machine("xyzac_trt")
 MODEL = arrange_machine(MACHINE)
@@ -100,6 +101,19 @@ def test_offsets_come_with_the_error_motion_and_do_not_wait_for_the_next_joint_s
     run(compensator, 200)
     found = push_error_motion(compensator, motion_block(200))
     assert [len(block.rows) for block in found.offsets] == [5]
+
+
+def test_what_an_offset_rests_on_stands_in_columns_of_its_own():
+    """They are filled by their order in the wire contract, which another order would make one another's."""
+    block = run(Compensator(MACHINE), warmth=23.5)[0][-1]
+    expected = expected_offset(block.times_ns, temperature=23.5)
+    for place, name in enumerate("xyzabc"):
+        np.testing.assert_allclose(block.column(name), expected[:, place], atol=3e-9)
+    assert (block.column("temperature") == 23.5).all()
+    assert ((block.column("joint_age") > 0.0) & (block.column("joint_age") < 0.1)).all()
+    t = (block.times_ns - START) * 1e-9
+    moved = [np.sign(position(letter, t) - position(letter, t - 0.03)) for letter in MACHINE.letters]
+    np.testing.assert_array_equal(unpack_directions(block.column("directions"), len(moved)), np.stack(moved, axis=1))
 
 
 def test_corrections_null_the_offset_and_say_what_remains():
