@@ -17,8 +17,8 @@ from rotary_error_monitor.kinds.machine.periods import FEWEST_PLACES, count_plac
 from rotary_error_monitor.twin.machine import MachineRecording, predict_probe
 
 FOLDS = 6
-"""Parts that are left out in turn: what is fitted to the five others is a tenth less certain, `sqrt(6 / 5)`, than what is
-fitted to all, and six show whether one stretch alone is off."""
+"""Parts that are left out in turn: what is fitted to the five others is a tenth less certain, `sqrt(6 / 5)`, than what
+is fitted to all, and six show whether one stretch alone is off."""
 
 
 class MachineTable(TableProblem[None]):
