@@ -13,6 +13,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 from std_msgs.msg import Empty
 
+from rotary_error_monitor.nodes.transport import steady_transport
 from rotary_error_monitor.nodes.worker import NotByExecutor, Worker
 from rotary_error_monitor.testing.domains import own_domain
 
@@ -109,7 +110,7 @@ def test_the_executor_keeps_off():
 @pytest.fixture
 def context():
     context = Context()
-    with own_domain() as number:
+    with own_domain() as number, steady_transport():
         rclpy.init(context=context, domain_id=number, args=[])
         yield context
         context.try_shutdown()
