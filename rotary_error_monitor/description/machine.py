@@ -33,6 +33,9 @@ from rotary_error_monitor.resources import config, share
 
 T = TypeVar("T")
 
+THERMOMETER = "thermometer"
+"""Name of the zero of the machine's thermometer, K, in its section `uncertainty`."""
+
 SHIFT_UNCERTAINTY = "shift_uncertainty"
 """Figure under `calibration` that says how sure the place of an axis is, m."""
 

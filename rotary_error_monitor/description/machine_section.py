@@ -124,7 +124,10 @@ class MachineSection(Section):
     limits: MachineLimits = field(default_factory=MachineLimits)
     uncertainty: Annotated[
         Mapping[Uncertain, NotNegative],
-        Expected("standard uncertainty of parameters by name, such as errors.linear: 8.0e-07"),
+        Expected(
+            "standard uncertainty of parameters by name, such as errors.linear: 8.0e-07, or thermometer: 0.1 for its "
+            "zero in K"
+        ),
     ] = field(default_factory=dict)
     calibration: Annotated[Mapping[str, Calibrated], Expected("where calibrated sections are from, by their names")] = (
         field(default_factory=dict)

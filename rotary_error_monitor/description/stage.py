@@ -57,6 +57,9 @@ TIMING = 2e-6
 """Standard uncertainty of the stamps of one stream against another, s, where the description states none: each of both
 set to within a microsecond, as by a fieldbus or PTP, and jittering by as much."""
 
+OWN_THERMOMETER = "environment.thermometer"
+"""Where the section `uncertainty` states that of the zero of the stage's own thermometer, K."""
+
 TIMINGS = ("encoder.timing", "command.timing")
 """Where the section `uncertainty` states it: of the heads against one another, of the command against the heads."""
 

@@ -222,7 +222,8 @@ class StageSection(Section):
         Expected(
             "standard uncertainty of parameters by name, such as encoder.eccentricity: 5.0e-08 or sensors.top.gain: "
             "0.01; of stamps in s: encoder.timing (of heads against one another) and command.timing, 2.0e-06 each "
-            "unless stated, and sensors.top.timing"
+            "unless stated, and sensors.top.timing; environment.thermometer, of its zero in K, unless stated "
+            "that of class B of IEC 60751"
         ),
     ] = field(default_factory=dict)
     calibration: Annotated[
@@ -286,6 +287,7 @@ PARAMETERS: Mapping[str, tuple[str, ...]] = {
     "spindle": _names(Spindle),
     "lvdt": _names(Lvdt, *RESPONSES),
     "command": ("timing",),
+    "environment": ("thermometer",),
 }
 """What the section `uncertainty` may name of each section, whether a stage has that section or not.
 

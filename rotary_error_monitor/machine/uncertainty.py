@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rotary_error_monitor.description.machine import (
+    THERMOMETER,
     Displacement,
     ErrorComponent,
     Harmonic,
@@ -174,13 +175,20 @@ def _changes(machine: MachineDescription, name: str) -> list[tuple[str, Change]]
         moving = [body.name for body in machine.bodies if body.axis is not None]
         units = _SHIFTS if name == "location.linear" else _TURNS
         return [(f"{name}.{body}[{i}]", _at_body(body, unit)) for body in moving for i, unit in enumerate(units)]
+    if name == THERMOMETER:
+        return [(name, _read_colder)]
     if name not in _PLACES:
         raise InputError(
             f"uncertainty: no parameter is called '{name}'; known are errors.linear, errors.angular, expansion, "
-            f"reversal.linear, reversal.angular, location.linear, location.angular, {', '.join(_PLACES)}"
+            f"{THERMOMETER}, reversal.linear, reversal.angular, location.linear, location.angular, {', '.join(_PLACES)}"
         )
     found = [(carrier, unit) for carrier, unit in _PLACES[name] if carrier == "tool" or carrier in machine.letters]
     return [(f"{name}[{i}]", _at_body(_body(machine, carrier), unit)) for i, (carrier, unit) in enumerate(found)]
+
+
+def _read_colder(machine: MachineDescription, size: float) -> MachineDescription:
+    """The machine that is warmer than its thermometer reads, K."""
+    return replace(machine, reference_temperature=machine.reference_temperature - size)
 
 
 def _coefficients(machine: MachineDescription, component: str, wanted: str) -> list[tuple[str, Change]]:

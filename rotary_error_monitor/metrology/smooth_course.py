@@ -11,6 +11,9 @@ from scipy.linalg import cho_solve_banded, cholesky_banded, eig_banded
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.metrology.reading_steps import step_of
 
+FEWEST = 3
+"""Readings of which a course can be told."""
+
 MOST_WAYS = 100
 """Ways in which a course may be wrong that are told, the largest of them: what noise leaves open is smooth."""
 
@@ -32,7 +35,7 @@ class SmoothCourse:
     Attributes:
         values: (n,) its expectation.
         precision: (3, n) diagonals of its inverse covariance, times the variance of a reading.
-        variance: of a reading.
+        variance: of a reading; 0 where each is right but for its step.
         step: of a reading; 0 for none.
     """
 
@@ -41,19 +44,24 @@ class SmoothCourse:
     variance: float
     step: float
 
-    @cached_property
-    def ways(self) -> Array:
+    def ways(self, zero: float = 0.0) -> Array:
         """(n, k) in which it may differ from its expectation, independent, each by one standard deviation.
 
-        How an instrument cuts its readings off, then what noise leaves open, the largest first.
+        First, if either can be, how an instrument cuts its readings off with a zero of a standard uncertainty, then
+        what noise leaves open, the largest first.
         """
-        count = len(self.values)
-        sizes, ways = _least(self.precision, min(MOST_WAYS, count))
-        cut_off = np.full((count, 1 if self.step else 0), self.step / 2)
-        return np.hstack([cut_off, ways * np.sqrt(self.variance / sizes)])
+        off = float(np.hypot(zero, self.step / 2))
+        return np.hstack([np.full((len(self.values), 1 if off else 0), off), self._left_open])
+
+    @cached_property
+    def _left_open(self) -> Array:
+        if not self.variance:
+            return np.zeros((len(self.values), 0))
+        sizes, ways = _least(self.precision, min(MOST_WAYS, len(self.values)))
+        return np.asarray(ways * np.sqrt(self.variance / sizes), np.float64)
 
 
-def smooth_course(readings: Array, loudest: float) -> SmoothCourse:
+def smooth_course(readings: Array, loudest: float, step: float | None = None) -> SmoothCourse:
     """Course behind readings: the smoothing spline whose stiffness is the likeliest, with its covariance (Wahba 1983).
 
     Readings that repeat share their rounding error: a run of equal ones counts as one.
@@ -61,9 +69,10 @@ def smooth_course(readings: Array, loudest: float) -> SmoothCourse:
     Args:
         readings: (n,) evenly spaced, n > 2, not a number where none was read; three were.
         loudest: standard deviation up to which scatter of single readings may be noise.
+        step: of the readings, where these are means of several; by default the one that they show.
     """
     read, count = np.flatnonzero(np.isfinite(readings)), len(readings)
-    step, begin = step_of(readings[read]), readings[read[0]]
+    step, begin = step_of(readings[read]) if step is None else step, readings[read[0]]
     _, run, lengths = np.unique(
         np.cumsum(np.diff(readings[read], prepend=begin) != 0), return_inverse=True, return_counts=True
     )

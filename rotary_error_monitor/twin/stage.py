@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
-from scipy.interpolate import CubicSpline, make_smoothing_spline
+from scipy.interpolate import CubicSpline
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from rotary_error_monitor.arrays import Array
@@ -25,6 +25,7 @@ from rotary_error_monitor.effects.effect import Cause, values_of
 from rotary_error_monitor.effects.rotor import RotorState, StageEffect
 from rotary_error_monitor.metrology.harmonics import angular_sum
 from rotary_error_monitor.metrology.reading_noise import noise_of
+from rotary_error_monitor.metrology.thermometer_course import ThermometerCourse
 from rotary_error_monitor.sensors.library import sensor_of
 from rotary_error_monitor.twin.commanded import CommandedRotation
 from rotary_error_monitor.twin.finite import check_finite
@@ -36,9 +37,6 @@ Signals = dict[str, Array]
 NEIGHBOURS = 25
 """Samples of a load cell that are judged together: their mean has a fifth of the noise of one, and at 100 Hz they last
 a quarter of a second, which is shorter than a force acts on a shaft."""
-
-_STEADY = 0.5
-"""Time, s, in which a stage's temperature stays what it is: samples of the sensor are averaged over it."""
 
 _BEYOND_NOISE = 6.0
 """Standard deviations of their mean from which a force acts: chance does not get there in hours."""
@@ -116,23 +114,13 @@ def _course(stream: Stream) -> Callable[[Array], Array]:
 
 def _warming(temperature: Stream, reference: float) -> Callable[[Array], Array]:
     """Smoothed temperature above the reference, K, as a function of time; it stays at its first and last value."""
-    smooth = _smooth(temperature)
-    return lambda time: np.asarray(smooth(_within(time, temperature)), np.float64) - reference
+    course = ThermometerCourse.of(temperature.time, temperature.values[:, 0])
+    return lambda time: course.at(time) - reference
 
 
 def _measured(stream: Stream, name: str, sensor: ListedSensor) -> Stream:
     """What a listed input measures by its readings."""
     return Stream(stream.time, measured(name, sensor, stream.values))
-
-
-def _smooth(stream: Stream) -> Callable[[Array], Array]:
-    groups = np.flatnonzero(np.diff(np.floor(stream.time / _STEADY), prepend=-np.inf))
-    if len(groups) < 8:
-        return lambda time: np.interp(time, stream.time, stream.values[:, 0])
-    count = np.diff(groups, append=len(stream.time))
-    time, value = (np.add.reduceat(values, groups) / count for values in (stream.time, stream.values[:, 0]))
-    smooth: Callable[[Array], Array] = make_smoothing_spline(time, value, count)
-    return smooth
 
 
 def _above_noise(force: Array) -> Array:

@@ -10,6 +10,7 @@ from typing import Any
 
 from rotary_error_monitor.description.listed_sensors import name_of
 from rotary_error_monitor.description.stage import (
+    OWN_THERMOMETER,
     AngularHarmonic,
     ListedSensor,
     PlanarHarmonic,
@@ -55,8 +56,8 @@ def uncertain_parameters(stage: StageDescription) -> tuple[UncertainParameter, .
     """
     found: list[UncertainParameter] = []
     for name, uncertainty in stage.uncertainty.items():
-        # stamps are no number of the twin: effects of latency explain them
-        if uncertainty == 0.0 or name.endswith(".timing"):
+        # stamps and readings of the temperature are no numbers of the twin
+        if uncertainty == 0.0 or name.endswith(".timing") or name == OWN_THERMOMETER:
             continue
         found += (_of_listed if name.startswith("sensors.") else _of_section)(stage, name, uncertainty)
     found += _of_curves(stage)

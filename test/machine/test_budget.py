@@ -164,3 +164,12 @@ def test_uncertainty_in_closed_form() -> None:
     assert found is not None
     np.testing.assert_allclose(found[0], [10e-6 / 4, 8e-6 / 4, 11e-6 / 4, 0, 0, 0], rtol=0, atol=1e-18)  # repeatability
     assert estimate_budget(load_machine("xyzac_trt"), at).uncertainty is None
+
+
+def test_a_zero_of_the_thermometer_counts_by_what_expands() -> None:
+    """10 µm/(m K) times 1.5 m times 0.1 K."""
+    exact = tuple(replace(axis, repeatability=None) for axis in ideal("pan2013").axes)
+    machine = replace(ideal("pan2013"), axes=exact, uncertainty={"thermometer": 0.1}).with_axis("X", expansion=1e-5)
+    found = estimate_budget(machine, np.array([[1.5, 0.0, 0.0, 0.0, 0.0]]), temperature=np.array([23.0])).uncertainty
+    assert found is not None
+    np.testing.assert_allclose(found[0], [1.5e-6, 0.0, 0.0, 0.0, 0.0, 0.0], rtol=1e-4, atol=2e-12)

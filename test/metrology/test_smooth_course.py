@@ -40,7 +40,7 @@ def test_a_course_is_nearer_than_its_readings_and_as_wrong_as_it_is_said_to_be(w
         found = smooth_course(readings, LOUDEST)
         errors.append(found.values - true)
         raw.append(readings - true)
-        stated.append(np.sum(np.square(found.ways), axis=1))
+        stated.append(np.sum(np.square(found.ways()), axis=1))
     assert np.sqrt(np.mean(np.square(errors))) < part * np.sqrt(np.nanmean(np.square(raw)))
     assert np.mean(np.square(errors) / stated) < 1.5
     assert np.sqrt(np.mean(stated)) < 1.5 * np.hypot(np.sqrt(np.nanmean(np.square(raw))), half)
@@ -61,7 +61,7 @@ def test_readings_on_a_line_are_the_course(readings):
     found = smooth_course(readings, LOUDEST)
     seen = np.isfinite(readings)
     np.testing.assert_allclose(found.values[seen], readings[seen], atol=1e-6)
-    assert np.all(np.isfinite(found.ways))
+    assert np.all(np.isfinite(found.ways()))
 
 
 def test_of_many_readings_the_ways_are_those_of_few():
@@ -74,4 +74,4 @@ def test_of_many_readings_the_ways_are_those_of_few():
         covariance += np.diag(diagonal[: 1200 - below], -below)
         covariance += np.diag(diagonal[: 1200 - below], below) if below else 0.0
     expected = found.variance * np.diag(np.linalg.inv(covariance))
-    np.testing.assert_allclose(np.sum(np.square(found.ways), axis=1), expected, rtol=0.02)
+    np.testing.assert_allclose(np.sum(np.square(found.ways()), axis=1), expected, rtol=0.02)

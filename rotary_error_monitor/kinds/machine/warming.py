@@ -12,16 +12,11 @@ from functools import partial
 import numpy as np
 
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.description.machine import MachineDescription
-from rotary_error_monitor.metrology.smooth_course import smooth_course
+from rotary_error_monitor.description.machine import THERMOMETER, MachineDescription
+from rotary_error_monitor.metrology.smooth_course import FEWEST, smooth_course
+from rotary_error_monitor.metrology.thermometer_course import LOUDEST, class_b_uncertainty
 from rotary_error_monitor.metrology.unread_temperature import believed_readings, unknown_warming
 from rotary_error_monitor.twin.machine import MachineRecording, predict_probe
-
-LOUDEST = 0.5
-"""Standard deviation of a thermometer's readings, K, beyond which they are the machine's: that of a thermocouple."""
-
-FEWEST = 3
-"""Readings of which a course can be told."""
 
 WARMED = 1.0
 """K by which what a warming does to the probe is found: it goes in proportion."""
@@ -55,7 +50,9 @@ def with_smooth_temperature(
     if missing:
         remarks.append(f"temperature: {missing} of {count} poses have none; it is taken from the others")
     course = smooth_course(good, LOUDEST)
-    return replace(recording, temperature=course.values, remarks=tuple(remarks)), lambda: course.ways
+    # one that the machine's file states is a parameter of it
+    zero = 0.0 if THERMOMETER in machine.uncertainty else class_b_uncertainty(float(np.mean(course.values)))
+    return replace(recording, temperature=course.values, remarks=tuple(remarks)), partial(course.ways, zero)
 
 
 def _expands(machine: MachineDescription) -> bool:

@@ -14,12 +14,13 @@ from scipy.ndimage import uniform_filter1d
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.sensor_section import SHAFT_FORCE
-from rotary_error_monitor.description.stage import FORCE, ListedSensor
+from rotary_error_monitor.description.stage import FORCE, OWN_THERMOMETER, ListedSensor
 from rotary_error_monitor.effects.rotor import RotorState, StageEffect
 from rotary_error_monitor.gap.problem import FIRST_ORDER
 from rotary_error_monitor.metrology.forces import LoadCell, load_cell, shares
 from rotary_error_monitor.metrology.reading_noise import noise_of
 from rotary_error_monitor.metrology.reading_steps import step_of
+from rotary_error_monitor.metrology.thermometer_course import ThermometerCourse, class_b_uncertainty
 from rotary_error_monitor.metrology.unread_temperature import UNKNOWN_COURSES, UNKNOWN_WARMING, unknown_warming
 from rotary_error_monitor.twin.recording import StageRecording, Stream
 from rotary_error_monitor.twin.stage import NEIGHBOURS, Acting, StageInputs, StageTwin, turned_by
@@ -41,8 +42,8 @@ def uncertain_warmings(twin: StageTwin, recording: StageRecording) -> tuple[Othe
         courses = _unknown(recording.duration)
     elif np.any(twin.stage.spindle.radial_thermal):
         read = recording.streams[TEMPERATURE]
-        half = step_of(read.values[:, 0]) / 2
-        courses = [*([_always(half)] if half else []), *_noisy(read), *_unread(read, recording.duration)]
+        zero = twin.stage.uncertainty.get(OWN_THERMOMETER, class_b_uncertainty(float(np.mean(read.values))))
+        courses = [*_misread(read, zero), *_unread(read, recording.duration)]
     else:
         courses = []
     whole = (OtherTwin(twin, _Warmed(course)) for course in courses)
@@ -160,13 +161,8 @@ def _of_places(twin: StageTwin, recording: StageRecording) -> Iterator[tuple[str
     read = {place: stream for place, stream in twin.stage.thermometers.items() if stream in recording.streams}
     for place, stream in read.items():
         sensor = twin.stage.inputs[stream]
-        noise = float(np.hypot(sensor.noise, sensor.resolution / np.sqrt(12)))
-        size = float(np.hypot(sensor.uncertainty, sensor.resolution / 2))
-        zero = [_always(size)] if size else []
-        noisy = _noisy(recording.streams[stream], noise)
-        yield from (
-            (place, course) for course in (*zero, *noisy, *_unread(recording.streams[stream], recording.duration))
-        )
+        misread = _misread(recording.streams[stream], sensor.uncertainty, sensor.resolution)
+        yield from ((place, course) for course in (*misread, *_unread(recording.streams[stream], recording.duration)))
     stated = {cause.location for cause in twin.known if isinstance(cause.effect, StageEffect) and cause.effect.warms}
     for place in sorted(stated - {"", *read}):
         yield from ((place, course) for course in _unknown(recording.duration))
@@ -185,17 +181,14 @@ def _unknown(last: float) -> list[Course]:
     return [course(power) for power in range(UNKNOWN_COURSES)]
 
 
-def _noisy(temperature: Stream, stated: float | None = None) -> list[Course]:
-    """Cosines over the recording, each as large as white noise of the thermometer has it: as stated, K, or as seen."""
-    count, begin = len(temperature.time), float(temperature.time[0])
-    noise = float(noise_of(temperature.values)[0]) if stated is None else stated
-    span = max(float(temperature.time[-1]) - begin, np.finfo(np.float64).tiny)
+def _misread(read: Stream, zero: float, resolution: float = 0.0) -> Iterator[Course]:
+    """By its zero, of a standard uncertainty, K, and how it rounds; then what noise and steps leave open."""
+    found = ThermometerCourse.of(read.time, read.values[:, 0], resolution)
+    yield from (_between(found.time, way) for way in found.course.ways(zero)[:, : 1 + NOISY_COURSES].T)
 
-    def course(order: int) -> Course:
-        std = noise * np.sqrt((2 if order else 1) / count)
-        return lambda time: std * np.cos(np.pi * order * np.clip((np.asarray(time, np.float64) - begin) / span, 0, 1))
 
-    return [course(order) for order in range(NOISY_COURSES)]
+def _between(at: Array, values: Array) -> Course:
+    return lambda time: np.interp(time, at, values)
 
 
 def _unread(temperature: Stream, last: float) -> Iterator[Course]:

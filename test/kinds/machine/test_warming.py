@@ -25,6 +25,7 @@ READ = {
     "noise of 0.3 K": lambda true, noise: true + 0.3 * noise,
     "steps of 0.5 K": lambda true, noise: np.rint(2 * true) / 2,
     "steps of 1 K": lambda true, noise: np.rint(true),
+    "a zero that is off": lambda true, noise: true + np.sign(noise[0]) * 0.3,
     "steps of 1 K, cut off": lambda true, noise: np.floor(true),
     "an hour without": lambda true, noise: np.where(np.abs(np.linspace(0, 1, len(true)) - 0.6) < 0.1, np.nan, true),
 }

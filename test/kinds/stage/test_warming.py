@@ -48,10 +48,21 @@ def test_a_warmed_twin_is_a_twin_at_that_temperature(stage_problem, causes, meas
         recording = StageRecording(recording.start_ns, streams)
     twin = twin_of(thermal, recording)
     warmed = uncertain_warmings(twin, recording)
-    assert len(warmed) == (8 if measured else 4)
+    assert len(warmed) == (9 if measured else 4)  # its zero, and what noise leaves open
     for other in warmed:
         direct = StageTwin(twin.stage, other.inputs, twin.times, twin.observed).predict(causes)
         for name, values in other.predict(causes).items():
             np.testing.assert_allclose(values, direct[name], rtol=0, atol=1e-13)
         cold = twin.predict(causes)
         assert max(float(np.ptp(direct[name] - cold[name])) for name in direct) > 1e-12
+
+
+@pytest.mark.parametrize(("stated", "zero"), [({}, 0.4 / np.sqrt(3)), ({"environment.thermometer": 0.05}, 0.05)])
+def test_the_zero_of_the_thermometer_is_as_uncertain_as_stated_or_as_its_class_allows(stage_problem, stated, zero):
+    """Class B of IEC 60751 at 20 °C: 0.3 K and 0.005 of the temperature."""
+    problem, _ = stage_problem(3, "null", duration=12.0)
+    stage = replace(problem.stage, uncertainty={**problem.stage.uncertainty, **stated})
+    first, *_ = uncertain_warmings(twin_of(stage, problem.recording), problem.recording)
+    time = np.linspace(0.0, 12.0, 7)
+    warmer = first.inputs.warming(time) - problem.twin.inputs.warming(time)
+    np.testing.assert_allclose(warmer, zero, rtol=0.03)  # it is no longer at 20 °C

@@ -1,0 +1,62 @@
+"""The temperature behind a thermometer's samples over time, and how these may have been read wrong."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.metrology.reading_steps import step_of
+from rotary_error_monitor.metrology.smooth_course import FEWEST, SmoothCourse, smooth_course
+
+STEADY = 0.5
+"""Time, s, in which a stage's temperature stays what it is: samples of the sensor are averaged over it."""
+
+LOUDEST = 0.5
+"""Standard deviation of a thermometer's readings, K, beyond which it is the temperature's: that of a thermocouple."""
+
+
+def class_b_uncertainty(temperature: float) -> float:
+    """Standard uncertainty of the zero of a thermometer of which nobody states one, K, at a temperature, °C.
+
+    That of an industrial platinum thermometer: class B of IEC 60751 allows 0.3 K and 0.005 of the temperature either
+    way, anything within being as likely.
+    """
+    return (0.3 + 0.005 * abs(temperature)) / float(np.sqrt(3.0))
+
+
+@dataclass(frozen=True)
+class ThermometerCourse:
+    """What the samples of a thermometer tell of a temperature.
+
+    Attributes:
+        time: (n,) when it is told, s, ascending.
+        course: at those times; of fewer than three samples each is what was read.
+    """
+
+    time: Array
+    course: SmoothCourse
+
+    @classmethod
+    def of(cls, time: Array, readings: Array, resolution: float = 0.0) -> ThermometerCourse:
+        """Of readings (n,), °C, at ascending times (n,), s, in the steps of a resolution, K, or what they show."""
+        count, step = len(time), max(step_of(readings), resolution)
+        span = float(time[-1] - time[0])
+        usual = max(float(np.median(np.diff(time))) if count > 1 else STEADY, STEADY)
+        rounds = max(round(span / usual), 1)
+        place = np.rint((time - time[0]) * (rounds / max(span, usual))).astype(np.intp)
+        read = np.bincount(place, minlength=rounds + 1)
+        present = read > 0
+        if np.count_nonzero(present) < FEWEST:
+            return cls(time, SmoothCourse(readings, np.zeros((3, count)), 0.0, step))
+        means = np.full((2, len(read)), np.nan)
+        for mean, values in zip(means, (time, readings), strict=True):
+            mean[present] = np.bincount(place, values, minlength=len(read))[present] / read[present]
+        course = smooth_course(means[1], LOUDEST, step)
+        at = np.where(present, means[0], time[0] + span / rounds * np.arange(len(read)))
+        return cls(at, course)
+
+    def at(self, time: Array) -> Array:
+        """(m,) temperature, °C, at times (m,); it stays at its first and last value."""
+        return np.interp(time, self.time, self.course.values)
