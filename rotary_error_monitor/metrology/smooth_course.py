@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import cho_solve_banded, cholesky_banded, eig_banded
+from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.metrology.reading_steps import step_of
@@ -24,8 +24,37 @@ TRIALS = 40
 """Stiffnesses that are weighed: neighbouring ones differ by less than readings can tell."""
 
 
+UNLIKELY = 0.01
+"""Part of the likelihood of the best stiffness below which one is left out."""
+
+EXACT = 1e-8
+"""Part of the largest reading that a course may miss: double precision leaves its square of a sum of squares."""
+
 STIFFEST = 1e10
 """Stiffness beyond which double precision holds no course of many readings: one that bends within some 300 of them."""
+
+
+@dataclass(frozen=True)
+class _Spline:
+    """A smoothing spline of one stiffness.
+
+    Attributes:
+        weight: how likely its stiffness is, beside those of others.
+        values: (n,) its expectation.
+        precision: (3, n) diagonals of its inverse covariance, times the variance of a reading.
+        variance: of a reading.
+    """
+
+    weight: float
+    values: Array
+    precision: Array
+    variance: float
+
+    @property
+    def covariance(self) -> Array:
+        """(n, n)."""
+        factor = cholesky_banded(self.precision, lower=True)
+        return np.asarray(self.variance * cho_solve_banded((factor, True), np.eye(len(self.values))), np.float64)
 
 
 @dataclass(frozen=True)
@@ -33,19 +62,17 @@ class SmoothCourse:
     """What is known of a course at n readings.
 
     Attributes:
-        values: (n,) its expectation.
-        precision: (3, n) diagonals of its inverse covariance, times the variance of a reading.
-        variance: of a reading; 0 where each is right but for its step.
+        values: (n,) the likeliest spline.
         step: of a reading; 0 for none.
+        splines: of the stiffnesses that it may have; none where each reading is right but for its step.
     """
 
     values: Array
-    precision: Array
-    variance: float
     step: float
+    splines: tuple[_Spline, ...] = ()
 
     def ways(self, zero: float = 0.0) -> Array:
-        """(n, k) in which it may differ from its expectation, independent, each by one standard deviation.
+        """(n, k) in which it may differ from `values`, independent, each by one standard deviation.
 
         First, if either can be, how an instrument cuts its readings off with a zero of a standard uncertainty, then
         what noise leaves open, the largest first.
@@ -55,16 +82,28 @@ class SmoothCourse:
 
     @cached_property
     def _left_open(self) -> Array:
-        if not self.variance:
-            return np.zeros((len(self.values), 0))
-        sizes, ways = _least(self.precision, min(MOST_WAYS, len(self.values)))
-        return np.asarray(ways * np.sqrt(self.variance / sizes), np.float64)
+        """How far each spline is from the likeliest, and what it leaves open itself."""
+        count = len(self.values)
+        if not self.splines:
+            return np.zeros((count, 0))
+        apart = np.column_stack([np.sqrt(each.weight) * (each.values - self.values) for each in self.splines])
+        if count <= ALL_AT_ONCE:
+            covariance = apart @ apart.T
+            for each in self.splines:
+                covariance += each.weight * each.covariance
+            squares, ways = np.linalg.eigh(covariance)
+            sizes = np.sqrt(np.maximum(squares, 0.0))
+            return np.asarray((ways * sizes)[:, : -MOST_WAYS - 1 : -1], np.float64)
+        own = [np.sqrt(each.weight * each.variance) * _ways_by_lanczos(each.precision) for each in self.splines]
+        ways, sizes, _ = np.linalg.svd(np.hstack([apart, *own]), full_matrices=False)
+        return np.asarray((ways * sizes)[:, :MOST_WAYS], np.float64)
 
 
 def smooth_course(readings: Array, loudest: float, step: float | None = None) -> SmoothCourse:
-    """Course behind readings: the smoothing spline whose stiffness is the likeliest, with its covariance (Wahba 1983).
+    """Course behind readings: smoothing splines, each as likely as the readings make its stiffness (Wahba 1983).
 
-    Readings that repeat share their rounding error: a run of equal ones counts as one.
+    Readings that repeat share their rounding error: a run of equal ones counts as one. A few runs fit a straight line
+    as well as a curve, and the likeliest stiffness alone would call the curve impossible.
 
     Args:
         readings: (n,) evenly spaced, n > 2, not a number where none was read; three were.
@@ -78,39 +117,39 @@ def smooth_course(readings: Array, loudest: float, step: float | None = None) ->
     )
     weights, values = np.zeros(count), np.zeros(count)
     weights[read], values[read] = 1 / lengths[run], readings[read] - begin
-    freedom, least = max(len(lengths) - 2, 1), max(step**2 / 12, np.finfo(np.float64).tiny)
-    best = (np.inf, values, np.zeros((3, count)), least)
+    exact = (EXACT * float(np.abs(values).max())) ** 2
+    freedom, least = max(len(lengths) - 2, 1), max(step**2 / 12, exact, float(np.finfo(np.float64).tiny))
+    found: list[_Spline] = []
     for stiffness in np.geomspace(1e-4, min(float(count) ** 4, STIFFEST), TRIALS):
         precision = _precision(weights, stiffness)
         factor = cholesky_banded(precision, lower=True)
         course = cho_solve_banded((factor, True), weights * values)
-        left = float(np.sum(weights * values * (values - course)))
+        left = max(float(np.sum(weights * values * (values - course))), 0.0)
         variance = float(np.clip(left / freedom, least, max(loudest**2, least)))
         surprise = freedom * np.log(variance) + left / variance
         surprise += 2 * float(np.sum(np.log(factor[0]))) - (count - 2) * np.log(stiffness)
-        if surprise < best[0]:
-            best = surprise, course, precision, variance
-    _, course, precision, variance = best
-    return SmoothCourse(begin + course, precision, variance, step)
+        found.append(_Spline(-surprise / 2, begin + course, precision, variance))
+    best = max(found, key=lambda each: each.weight)
+    likely = [replace(each, weight=np.exp(each.weight - best.weight)) for each in found]
+    likely = [each for each in likely if each.weight > UNLIKELY]
+    total = sum(each.weight for each in likely)
+    return SmoothCourse(best.values, step, tuple(replace(each, weight=each.weight / total) for each in likely))
 
 
-def _least(band: Array, most: int) -> tuple[Array, Array]:
-    """The least eigenvalues (most,) of a matrix of diagonals (3, n), and their vectors (n, most).
+def _ways_by_lanczos(band: Array) -> Array:
+    """(n, k) ways of the largest variance, by a precision of diagonals (3, n); of many rows all at once take too long.
 
-    Of many rows by the Lanczos method about zero: all at once take time with the cube of their number.
+    The time for all grows with the cube of their number, by the Lanczos method about zero in proportion to it.
     """
-    count = band.shape[1]
-    if count <= ALL_AT_ONCE:
-        sizes, vectors = eig_banded(band, lower=True, select="i", select_range=(0, most - 1))
-    else:
-        from scipy.sparse import dia_array  # loads for a while
-        from scipy.sparse.linalg import LinearOperator, eigsh
+    from scipy.sparse import dia_array  # loads for a while
+    from scipy.sparse.linalg import LinearOperator, eigsh
 
-        factor = cholesky_banded(band, lower=True)
-        inverse = LinearOperator((count, count), lambda right: cho_solve_banded((factor, True), right))
-        matrix = dia_array((band, -np.arange(len(band))), shape=(count, count))
-        sizes, vectors = eigsh(matrix, most, sigma=0.0, OPinv=inverse, v0=np.ones(count))
-    return np.asarray(sizes, np.float64), np.asarray(vectors, np.float64)
+    count = band.shape[1]
+    factor = cholesky_banded(band, lower=True)
+    inverse = LinearOperator((count, count), lambda right: cho_solve_banded((factor, True), right))
+    matrix = dia_array((band, -np.arange(len(band))), shape=(count, count))
+    precisions, ways = eigsh(matrix, MOST_WAYS, sigma=0.0, OPinv=inverse, v0=np.ones(count))
+    return np.asarray(ways / np.sqrt(precisions), np.float64)
 
 
 def _precision(weights: Array, stiffness: float) -> Array:

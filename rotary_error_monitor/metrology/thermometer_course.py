@@ -49,7 +49,7 @@ class ThermometerCourse:
         read = np.bincount(place, minlength=rounds + 1)
         present = read > 0
         if np.count_nonzero(present) < FEWEST:
-            return cls(time, SmoothCourse(readings, np.zeros((3, count)), 0.0, step))
+            return cls(time, SmoothCourse(readings, step))
         means = np.full((2, len(read)), np.nan)
         for mean, values in zip(means, (time, readings), strict=True):
             mean[present] = np.bincount(place, values, minlength=len(read))[present] / read[present]

@@ -69,9 +69,26 @@ def test_of_many_readings_the_ways_are_those_of_few():
     draw = np.random.default_rng(4)
     true = 20 + 3 * np.sin(np.linspace(0, 7, 1200))
     found = smooth_course(true + 0.1 * draw.normal(size=1200), LOUDEST)
-    covariance = np.zeros((1200, 1200))
-    for below, diagonal in enumerate(found.precision):
-        covariance += np.diag(diagonal[: 1200 - below], -below)
-        covariance += np.diag(diagonal[: 1200 - below], below) if below else 0.0
-    expected = found.variance * np.diag(np.linalg.inv(covariance))
+    expected = np.zeros(1200)
+    for spline in found.splines:
+        covariance = np.zeros((1200, 1200))
+        for below, diagonal in enumerate(spline.precision):
+            covariance += np.diag(diagonal[: 1200 - below], -below)
+            covariance += np.diag(diagonal[: 1200 - below], below) if below else 0.0
+        own = spline.variance * np.diag(np.linalg.inv(covariance))
+        expected += spline.weight * (own + np.square(spline.values - found.values))
     np.testing.assert_allclose(np.sum(np.square(found.ways()), axis=1), expected, rtol=0.02)
+
+
+@pytest.mark.parametrize("step", [0.1, 0.25, 0.5, 1.0])
+def test_a_course_that_a_few_steps_fit_as_a_line_may_be_a_curve(step):
+    """A stage that warms up over 20 s: each way in which it is said to be open is at least as open as it is."""
+    squares = np.zeros(8)
+    for seed in range(100):
+        draw, passed = np.random.default_rng(seed), np.arange(100) / 100
+        true = 20 + draw.uniform(-0.5, 0.5) + draw.uniform(1, 4) * -np.expm1(-passed / draw.uniform(0.2, 0.75))
+        found = smooth_course(np.rint((true + 0.02 * draw.normal(size=100)) / step) * step, LOUDEST)
+        ways = found.ways()[:, 1 : 1 + len(squares)]
+        sizes = np.linalg.norm(ways, axis=0)
+        squares += np.square((ways / sizes**2).T @ (found.values - true)) / 100
+    assert np.all(squares < 1.5)
