@@ -12,21 +12,22 @@ from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.listed_sensors import ListedSensor
 from rotary_error_monitor.description.stage import AngularHarmonic, PlanarHarmonic, StageDescription
 from rotary_error_monitor.effects.effect import Values, place_of
-from rotary_error_monitor.effects.rotor import LISTED, RotorState, StageEffect
+from rotary_error_monitor.effects.rotor import LISTED, RotorState, StageEffect, fits
 
 
 class ListedEffect(StageEffect):
     """Base of the effects of one listed sensor: it is located at the sensor's stream, and moves no other.
 
-    A concrete one states `listed_unit`; of its parameters those with that unit have a value for each field.
+    A concrete one states `listed_unit` and `listed_fields`; of its parameters those with that unit have a value for
+    each field.
     """
 
     acts_on: ClassVar[tuple[str, ...]] = (LISTED,)
     stands_out_in: ClassVar[tuple[str, ...]] = (LISTED,)
 
     def locations(self, machine: StageDescription) -> tuple[str, ...]:
-        """Each listed sensor of its unit."""
-        return tuple(stream for stream, sensor in machine.sensors.items() if sensor.unit == self.listed_unit)
+        """Each listed sensor of its unit and number of fields."""
+        return tuple(stream for stream, sensor in machine.sensors.items() if fits(self, sensor))
 
     def touches(self, location: str, stream: str) -> bool:
         """Whether the stream is that of the sensor."""
@@ -84,3 +85,11 @@ class ListedForm(ListedEffect):
     def changed(self, sensor: ListedSensor, values: Values) -> ListedSensor:
         """Add the order to the target's form."""
         return replace(sensor, form=(*sensor.form, self.row(values)))
+
+
+class ListedWave(ListedForm):
+    """Base of those whose target shows one field, by orders of the place on it."""
+
+    def row(self, values: Values) -> AngularHarmonic:
+        """Of the target's form."""
+        return AngularHarmonic(round(values[0]), float(values[1]), float(values[2]))

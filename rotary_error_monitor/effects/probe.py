@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from rotary_error_monitor.description.stage import AngularHarmonic, StageDescription
-from rotary_error_monitor.effects.effect import Parameter, Values, wave_of_order
-from rotary_error_monitor.effects.listed import ListedDrift, ListedForm, ListedGain, ListedZero
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.effects.effect import Parameter, wave_of_order
+from rotary_error_monitor.effects.listed import ListedDrift, ListedGain, ListedWave, ListedZero
 
 
 class ProbeZero(ListedZero):
@@ -16,6 +16,7 @@ class ProbeZero(ListedZero):
     source = "setting of a displacement probe's zero (ISO 230-7, Annex A)"
     parameters = (Parameter("shift", "m", 1e-6, bound=1e-2),)
     listed_unit = "m"
+    listed_fields = 1
 
 
 class ProbeGain(ListedGain):
@@ -27,6 +28,7 @@ class ProbeGain(ListedGain):
     source = "calibration of a displacement probe's sensitivity"
     parameters = (Parameter("relative", "1", 1e-2, bound=2.0),)
     listed_unit = "m"
+    listed_fields = 1
 
 
 class ProbeDrift(ListedDrift):
@@ -38,9 +40,10 @@ class ProbeDrift(ListedDrift):
     source = "warming-up of a probe, its amplifier and its holder, lowest order in time"
     parameters = (Parameter("rate", "m/s", 1e-8, bound=1e-5),)
     listed_unit = "m"
+    listed_fields = 1
 
 
-class ProbeForm(ListedForm):
+class ProbeForm(ListedWave):
     """The target of one probe shows one more order over a turn. Order 1 is a target off centre, or a face askew."""
 
     name = "probe_form"
@@ -49,11 +52,8 @@ class ProbeForm(ListedForm):
     source = "ISO 230-7, Annex (roundness and centring of the artefact); ISO 1101 (roundness, axial run-out)"
     parameters = wave_of_order("m", 1e-6, bound=1e-3)
     listed_unit = "m"
+    listed_fields = 1
 
     def locations(self, machine: StageDescription) -> tuple[str, ...]:
         """Each probe but those on the axis: they look at one and the same spot all the time."""
         return tuple(each for each in super().locations(machine) if machine.sensors[each].place.get("radius") != 0.0)
-
-    def row(self, values: Values) -> AngularHarmonic:
-        """Of the target's form."""
-        return AngularHarmonic(round(values[0]), float(values[1]), float(values[2]))

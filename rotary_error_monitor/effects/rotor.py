@@ -9,7 +9,7 @@ from typing import ClassVar, Self, TypeVar
 import numpy as np
 
 from rotary_error_monitor.arrays import Array as Array  # for effects of other packages
-from rotary_error_monitor.description.stage import PlanarHarmonic, StageDescription
+from rotary_error_monitor.description.stage import ListedSensor, PlanarHarmonic, StageDescription
 from rotary_error_monitor.effects.effect import Effect, Parameter, Searched, Values
 
 HEAD = "head"
@@ -188,6 +188,7 @@ class StageEffect(Effect[StageDescription]):
         rescales: whether it changes a signal in proportion to what the signal shows, other causes included.
         displaces_instrument: whether the instrument itself is elsewhere than stated: as it creeps, its zero may wander.
         listed_unit: SI unit of the listed sensors that alone have it; empty where the unit does not matter.
+        listed_fields: how many fields the listed sensors have that alone have it; 0 where that does not matter.
         warms: whether it goes with the warming of a place: the stage's thermometer, location '', and each thermometer
             that the stage lists are such a place, and hooks get a state with the `warming` of that one.
     """
@@ -197,6 +198,7 @@ class StageEffect(Effect[StageDescription]):
     rescales: ClassVar[bool] = False
     displaces_instrument: ClassVar[bool] = False
     listed_unit: ClassVar[str] = ""
+    listed_fields: ClassVar[int] = 0
     warms: ClassVar[bool] = False
     searchable: ClassVar[Mapping[Searched, str]] = {Searched.MOMENT: "time", Searched.WAVE: "order"}
 
@@ -277,18 +279,22 @@ def is_among(kind: str, named: Collection[str]) -> bool:
     return kind in named or (LISTED in named and kind not in _BY_SECTION)
 
 
+def fits(effect: StageEffect, sensor: ListedSensor) -> bool:
+    """Whether a listed sensor has the unit and the number of fields that an effect asks for."""
+    return effect.listed_unit in ("", sensor.unit) and effect.listed_fields in (0, len(sensor.fields))
+
+
 Known = TypeVar("Known", bound=StageEffect)
 
 
 def effects_of(stage: StageDescription, effects: Iterable[Known]) -> tuple[Known, ...]:
     """The effects but those that show only in listed sensors, or heads, of which a stage has none: it has them not."""
-    units = {sensor.unit for sensor in stage.sensors.values()}
 
     def shows_in(effect: StageEffect, kind: str) -> bool:
         if kind == HEAD:
             return bool(stage.azimuths)
         if kind in _BY_SECTION:
             return True
-        return effect.listed_unit in units if effect.listed_unit else bool(units)
+        return any(fits(effect, sensor) for sensor in stage.sensors.values())
 
     return tuple(effect for effect in effects if any(shows_in(effect, kind) for kind in effect.acts_on))

@@ -21,6 +21,7 @@ class TiltSensorZero(ListedZero):
     source = "alignment of an autocollimator to the axis average line"
     parameters = (Parameter("shift", "rad", 1e-5, 2, bound=1e-2),)
     listed_unit = "rad"
+    listed_fields = 2
 
 
 class TiltSensorGain(ListedGain):
@@ -32,6 +33,7 @@ class TiltSensorGain(ListedGain):
     source = "calibration of an autocollimator's scale factor"
     parameters = (Parameter("relative", "1", 1e-2, bound=2.0),)
     listed_unit = "rad"
+    listed_fields = 2
 
 
 class TiltSensorRoll(ListedEffect):
@@ -43,6 +45,7 @@ class TiltSensorRoll(ListedEffect):
     source = "rotation of the measuring axes"
     parameters = (Parameter("angle", "rad", 1e-2, bound=math.pi),)
     listed_unit = "rad"
+    listed_fields = 2
     rescales = True
 
     def changed(self, sensor: ListedSensor, values: Values) -> ListedSensor:
@@ -59,6 +62,7 @@ class TiltSensorDrift(ListedDrift):
     source = "warming-up of the instrument and its holder, lowest order in time"
     parameters = (Parameter("rate", "rad/s", 1e-7, 2, bound=1e-4),)
     listed_unit = "rad"
+    listed_fields = 2
 
 
 class TiltSensorForm(ListedForm):
@@ -70,6 +74,7 @@ class TiltSensorForm(ListedForm):
     source = "Lou et al. 2019, Section 2.3 (mirror on the rotor)"
     parameters = planar_wave_of_order("rad", 3e-6, bound=1e-2)
     listed_unit = "rad"
+    listed_fields = 2
 
     def row(self, values: Values) -> PlanarHarmonic:
         """Of what the mirror shows."""
