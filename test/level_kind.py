@@ -1,4 +1,4 @@
-"""A level with one axis, as a package of somebody else: a kind of listed sensor that shows one angle."""
+"""A level, as a package of somebody else: a kind of listed sensor that shows one angle, or several along more axes."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ class Level(SensorSection):
     fields = ("inclination",)
     unit = "rad"
     azimuth: Annotated[Angle, Expected("of the axis about which it sees tilt, an angle about +z in rad")]
-    zero: Annotated[float | None, Expected("reading of a perfect axis in rad", -0.1, 0.1)] = None
     gain: Gain | None = None
+    zero: Annotated[float | None, Expected("reading of a perfect axis in rad", -0.1, 0.1)] = None
     form: Annotated[Waves | None, Expected("what it shows over a turn: at most 500 rows in rad")] = None
 """,
     "sensor.py": """
@@ -59,11 +59,23 @@ POINTS = {
 ROW = {"kind": "level", "noise": 2e-7, "resolution": 1e-8, "range": 1e-3, "uncertainty": 5e-7}
 
 
-def level_package(folder: Path) -> Path:
-    """Write the package into a folder, and give it."""
-    package = folder / "level_kind_of_a_test"
+def level_package(folder: Path, axes: int = 1) -> Path:
+    """Write the package into a folder, and give it; axes beyond the first look along their number in rad."""
+    package, files = folder / "level_kind_of_a_test", dict(FILES)
     package.mkdir(parents=True)
-    for name, text in FILES.items():
+    if axes > 1:
+        fields = [f"inclination_{axis}" for axis in range(axes)]
+        stated = files["section.py"].partition("    zero:")[0]
+        files["section.py"] = stated.replace('("inclination",)', repr(tuple(fields)))
+        files["sensor.py"] = (
+            files["sensor.py"].replace('"]', f'"] + np.arange({axes})').replace("0.0", f"np.zeros({axes})")
+        )
+        files["sensor.py"] = files["sensor.py"].replace("np.array(", "np.transpose(")
+        column = "      - {name: inclination, unit: rad, meaning: displacement along z}"
+        rows = [column.replace("inclination", name) for name in fields]
+        assert column in files["topics.yaml"]
+        files["topics.yaml"] = files["topics.yaml"].replace(column, "\n".join(rows))
+    for name, text in files.items():
         (package / name).write_text(text, encoding="utf-8")
     return package
 

@@ -73,6 +73,11 @@ class ListedSensor:
         return self.zero if isinstance(self.zero, tuple) else (self.zero,) * len(self.fields)
 
     @property
+    def may_have_form(self) -> bool:
+        """Whether a form of its target can be stated: rows are of one field or two."""
+        return len(self.fields) <= 2
+
+    @property
     def forms(self) -> tuple[tuple[AngularHarmonic, ...], ...]:
         """`form` of each field; of two, along the axes of the stage."""
         parts = [_parts(row) for row in self.form]
@@ -131,6 +136,11 @@ def quantity(kind: str) -> tuple[tuple[str, ...], str]:
 def kind_of_stream(stream: str) -> str | None:
     """Kind of the listed sensor whose stream is called so; None of any other stream."""
     return max((kind for kind in sensor_kinds() if stream.startswith(f"{kind}_")), key=len, default=None)
+
+
+def short_names(fields: Sequence[str]) -> tuple[str, ...]:
+    """What the fields of a sample are called beside one another: x, y and z, or more than three by their names."""
+    return tuple("xyz"[: len(fields)]) if len(fields) <= 3 else tuple(fields)
 
 
 def is_input(kind: str) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from rotary_error_monitor.description.listed_sensors import short_names
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.sensors.library import instrument_of, sensor_kinds, sensor_of
 
@@ -21,4 +22,4 @@ def noise_std(stage: StageDescription) -> dict[str, float]:
 def channels_of(stream: str) -> tuple[str, ...]:
     """Names of a sensor's channels, one for each of its fields: `lvdt.x` and `lvdt.y`, `axial_probe_top` alone."""
     fields = sensor_of(stream).fields
-    return (stream,) if len(fields) == 1 else tuple(f"{stream}.{axis}" for axis, _ in zip("xyz", fields, strict=False))
+    return (stream,) if len(fields) == 1 else tuple(f"{stream}.{axis}" for axis in short_names(fields))

@@ -121,9 +121,11 @@ def _own_fields(stage: StageDescription) -> Iterator[_Field]:
 
 
 def _listed(stage: StageDescription) -> Iterator[_Field]:
+    """Of listed sensors; one of more than two fields states no form, so that no surface of it is known."""
     for field in listed_fields(stage):
         noise = field.kind.noise(stage, field.stream) / abs(field.sensor.gain)
-        row, surface = field.kind.rows(field.sensor)[field.place], field.kind.surface(field.sensor)
+        row = field.kind.rows(field.sensor)[field.place]
+        surface = field.kind.surface(field.sensor) if field.sensor.may_have_form else ""
         yield _Field(field.stream, row, _deviation(noise), surface, listed=field)
 
 

@@ -8,7 +8,7 @@ from functools import partial
 from itertools import product
 from typing import Any
 
-from rotary_error_monitor.description.listed_sensors import name_of
+from rotary_error_monitor.description.listed_sensors import name_of, short_names
 from rotary_error_monitor.description.stage import (
     OWN_THERMOMETER,
     AngularHarmonic,
@@ -179,9 +179,9 @@ def _zero_and_form(stream: str, sensor: ListedSensor) -> list[UncertainParameter
     moved: dict[str, Callable[[ListedSensor, float], ListedSensor]] = {}
     for axis in range(axes):
         # of two fields the axes are those of the stage, as in the file
-        which = f"[{'xy'[axis]}]" if axes > 1 else ""
+        which = f"[{short_names(sensor.fields)[axis]}]" if axes > 1 else ""
         moved[f"{label}.zero{which}"] = partial(zero, axis)
-        for order in sorted({1, *(row.order for row in sensor.form)} - {0}):
+        for order in sorted({1, *(row.order for row in sensor.form)} - {0}) if sensor.may_have_form else ():
             for part, name in enumerate(("cos", "sin")):
                 moved[f"{label}.form[order {order}]{which}[{name}]"] = partial(form, axis, order, part)
     return [

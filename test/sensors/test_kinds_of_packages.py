@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 import yaml
 from described_stages import stage_of
+from level_kind import POINTS as LEVEL
+from level_kind import level_package, levelled_stage
 from mock_bags import EPOCH_NS, record
 from staged_files import BALL_PROBE, STAGES
 
@@ -19,6 +21,9 @@ from rotary_error_monitor.description.stage import StageDescription, load_stage
 from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.description.wire import wire_of
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.noise.channels import channels_of
+from rotary_error_monitor.pipeline.observability import possible_components
+from rotary_error_monitor.pipeline.surfaces import surfaces
 from rotary_error_monitor.plant.stage import Fault, StagePlant, stage_clocks
 from rotary_error_monitor.recordings.analysis import analyse_bag
 from rotary_error_monitor.resources import config
@@ -26,6 +31,7 @@ from rotary_error_monitor.sensors.library import listed_fields, sensor_kinds, se
 from rotary_error_monitor.sources.mock import MockSettings, mock_stage
 from rotary_error_monitor.twin.document import stage_mapping
 from rotary_error_monitor.twin.recording import record_stage
+from rotary_error_monitor.twin.stage_parameters import uncertain_parameters
 
 GROUP = "rotary_error_monitor."
 SECTIONS, SENSORS = f"{GROUP}sensor_sections", f"{GROUP}sensors"
@@ -168,6 +174,18 @@ def every_use(path):
     plant = StagePlant(stage, 1, clocks=stage_clocks("abcd", sensors=tuple(stage.sensors)))
     for stream in stage.sensors:
         plant.signal(stream, np.arange(3.0))
+
+
+@pytest.mark.parametrize("axes", [1, 2, 3, 4])
+def test_a_kind_may_have_any_number_of_fields(install_kind, tmp_path, axes):
+    """A form is stated of one field or two, zero and noise of each."""
+    install_kind(level_package(tmp_path / "own", axes), LEVEL)
+    stage = load_stage(levelled_stage(tmp_path / "stage.yaml"))
+    assert possible_components(stage) == ("exc", "eyc", "eac", "ebc", "ecc")
+    assert len(channels_of("level_x")) == len(set(channels_of("level_x"))) == axes
+    doubted = [each.name for each in uncertain_parameters(stage) if "level_x" in each.seen_by]
+    assert len(set(doubted)) == len(doubted) == axes * (3 if axes <= 2 else 1)
+    assert any("level_x" in each.streams for each in surfaces(stage)) == (axes <= 2)
 
 
 FLOW = {
