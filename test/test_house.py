@@ -184,6 +184,34 @@ def test_topic_names_stand_in_the_wire_contract_alone():
         assert not named, f"{path.relative_to(PACKAGE)}:{named[0].lineno} names {named[0].value}"
 
 
+LISTED_KINDS = sorted(path.stem for path in (PACKAGE / "description" / "sensor_kinds").glob("[a-z]*.py"))
+"""Kinds of listed sensors: each is a file of the same name in a few rooms."""
+
+ORDINARY = {"force", "thermometer"}
+"""Kinds whose name is an ordinary word: a stream or a column of another sensor may be called so."""
+
+ALLOWED = {("description/sensor_section.py", "axial_probe")}
+"""Where a kind stands for all of its like: a section that states no fields has those of displacement probes."""
+
+
+def kinds_named(path: Path) -> set[str]:
+    """Kinds of listed sensors that a file imports or names in a text that is no docstring."""
+    inside, tree = str(path.relative_to(PACKAGE)), tree_of(path)
+    told = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    texts = [node for node in ast.walk(tree) if isinstance(node, ast.Constant) and id(node) not in told]
+    words = {word for node in texts if isinstance(node.value, str) for word in re.findall(r"[a-z_]+", node.value)}
+    modules = {part for name in imports(path) if "sensor" in name or "plant" in name for part in name.split(".")}
+    named = {kind for kind in LISTED_KINDS if kind in modules or (kind not in ORDINARY and kind in words)}
+    return {kind for kind in named if path.stem != kind and (inside, kind) not in ALLOWED}
+
+
+def test_only_files_of_its_name_name_a_kind_of_listed_sensor():
+    """So another kind changes no file: it adds files of its name, and those of `msg_defs/`."""
+    assert len(LISTED_KINDS) > 4
+    named = {str(path.relative_to(PACKAGE)): kinds_named(path) for _, path in modules()}
+    assert {name: kinds for name, kinds in named.items() if kinds} == {}
+
+
 CONTRACT = ("sensors", "description/wire.py")
 """Where names of columns may stand beside `msg_defs/`."""
 

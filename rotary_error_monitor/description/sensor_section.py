@@ -84,6 +84,7 @@ class SensorSection(Section):
         is_input: whether the kind measures what acts on the stage, and nothing of how the rotor stands.
         is_slow: whether it samples about once a second, as thermometers do.
         or_else: what a file may state, beside another place, of two of the kind that are no contradiction at one place.
+        further: section of a stage's file with the first sensor of a sort, of which this kind has further ones.
         measures: what an input measures for the twin: `SHAFT_FORCE`, `PLACE_TEMPERATURE`, or something else, which
             effects of its own find in `RotorState.inputs`.
         kind: of sensor: name of its file in `sensor_kinds/`, or of the entry point of another package.
@@ -95,6 +96,7 @@ class SensorSection(Section):
     is_slow: ClassVar[bool] = False
     measures: ClassVar[str] = ""
     or_else: ClassVar[str] = ""
+    further: ClassVar[str] = ""
 
     kind: str
     noise: Annotated[Noise, Expected("standard deviation of one reading in m")]

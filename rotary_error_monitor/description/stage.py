@@ -47,9 +47,6 @@ from rotary_error_monitor.description.yaml_files import read_yaml
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.resources import config
 
-THERMOMETER = "thermometer"
-"""Kind of the listed sensors that measure the temperature of a place."""
-
 FORCE = "force"
 """Kind of the listed sensors that measure a force, and stream of the load cell that has a topic of its own."""
 

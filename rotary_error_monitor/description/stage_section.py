@@ -29,7 +29,14 @@ from rotary_error_monitor.description.quantities import (
 from rotary_error_monitor.description.response import Response
 from rotary_error_monitor.description.sections import Place, Section, WrongError, stated
 from rotary_error_monitor.description.sensor_places import heads_at_one_place, sensors_at_one_place
-from rotary_error_monitor.description.sensor_section import OWN_KINDS, READ_HEAD, SHAFT_FORCE, SensorSection, check_unit
+from rotary_error_monitor.description.sensor_section import (
+    OWN_KINDS,
+    READ_HEAD,
+    SHAFT_FORCE,
+    SensorSection,
+    check_unit,
+    sensor_kinds,
+)
 from rotary_error_monitor.description.spindle_section import Spindle
 from rotary_error_monitor.description.stage_limits import StageLimits
 from rotary_error_monitor.description.two_axis_section import (
@@ -193,7 +200,8 @@ def own_places(listed: object) -> dict[Place, Place]:
             continue
         place = (*OWN_KINDS[kind], name) if kind == READ_HEAD else OWN_KINDS[kind]
         if place in found:
-            more = "a further one is of kind tilt_sensor" if kind == "autocollimator" else "a stage has one at most"
+            further = [name for name, each in sensor_kinds().items() if each.further == kind]
+            more = f"a further one is of kind {' or '.join(further)}" if further else "a stage has one at most"
             raise WrongError(("sensors", name), f"'{found[place][1]}' is of kind {kind} already; {more}")
         found[place] = ("sensors", name)
     return found

@@ -15,7 +15,7 @@ from rotary_error_monitor.metrology.rigid_motion import LEAST_VARIANCE
 from rotary_error_monitor.pipeline.observability import possible_components, unchecked_sensors
 from rotary_error_monitor.pipeline.ticks import AUTOCOLLIMATOR, HIGHEST_ORDER
 from rotary_error_monitor.sensors.library import ListedField, listed_fields, sensor_kinds
-from rotary_error_monitor.sensors.tilt_sensor import MIRROR
+from rotary_error_monitor.sensors.listed import MIRROR
 
 RING = "ring"
 

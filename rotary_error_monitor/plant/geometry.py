@@ -7,11 +7,13 @@ vector in the plane, rad.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from rotary_error_monitor.arrays import Array, Complex
+from rotary_error_monitor.description.harmonics import AngularHarmonic
 
 Plane = Complex
 
@@ -35,6 +37,14 @@ class Turns:
         if order not in powers:
             powers[order] = self(order // 2) * self(order - order // 2)
         return powers[order]
+
+
+def waves(rows: Sequence[AngularHarmonic], turns: Turns) -> Array:
+    """(n,) sum over the rows of the waves that their coefficients of cos and sin describe."""
+    total = np.zeros(len(turns.once))
+    for row in rows:
+        total += (complex(row.cos, -row.sin) * turns(row.order)).real
+    return total
 
 
 def as_columns(plane: Plane) -> Array:

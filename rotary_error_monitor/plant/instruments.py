@@ -9,14 +9,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+import rotary_error_monitor.plant.listed as room
 from rotary_error_monitor.description.response import Response
-from rotary_error_monitor.description.stage import AngularHarmonic, ListedSensor, PeriodicTable, PlanarHarmonic
+from rotary_error_monitor.description.stage import ListedSensor, PeriodicTable, PlanarHarmonic
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant import geometry
 from rotary_error_monitor.plant.clocks import HEAD
 from rotary_error_monitor.plant.geometry import Plane, Turns, as_columns
+from rotary_error_monitor.plant.geometry import waves as waves  # for kinds of other packages
 from rotary_error_monitor.plant.scene import Fault, Scene
-from rotary_error_monitor.plugins import load_plugin, origin_of, plugins_of
+from rotary_error_monitor.plugins import load_plugin, modules_in, origin_of, plugins_of
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -27,9 +29,6 @@ Geometry = Callable[[ListedSensor, Scene], Reals]
 
 ENTRY_POINTS = "rotary_error_monitor.mock_sensors"
 """Group of functions of other packages: what a sensor of a kind of theirs sees, before its zero and gain."""
-
-ARTEFACT_RADIUS = 0.02
-"""Radius, m, of the round artefact before radial probes: an artefact of usual size; no description tells it."""
 
 
 def seen(stream: str, scene: Scene, faults: Sequence[Fault]) -> Reals:
@@ -89,14 +88,6 @@ def planar(rows: Sequence[PlanarHarmonic], turns: Turns) -> Plane:
         cosine, sine = complex(row.x[0], row.y[0]), complex(row.x[1], row.y[1])
         phase = turns(row.order)
         total += cosine * phase.real + sine * phase.imag
-    return total
-
-
-def waves(rows: Sequence[AngularHarmonic], turns: Turns) -> Reals:
-    """(n,) sum over the rows of the waves that their coefficients of cos and sin describe."""
-    total = np.zeros(len(turns.once))
-    for row in rows:
-        total += (complex(row.cos, -row.sin) * turns(row.order)).real
     return total
 
 
@@ -175,44 +166,17 @@ def _listed(stream: str, scene: Scene, faults: Sequence[Fault]) -> Reals:
     return np.asarray(reading, dtype=np.float64)
 
 
-def _axial_probe(sensor: ListedSensor, scene: Scene) -> Reals:
-    height, towards = _face(sensor, scene)
-    return height + _form(sensor, towards, scene)
-
-
-def _radial_probe(sensor: ListedSensor, scene: Scene) -> Reals:
-    distance, towards = _artefact(sensor, scene)
-    return distance + _form(sensor, towards, scene)
-
-
-def _tilt_sensor(sensor: ListedSensor, scene: Scene) -> Reals:
-    """What a mirror sends back whose surface has the form as tilts of the spot that is looked at, along the stage."""
-    x, y = (waves(form, scene.turns) for form in sensor.forms)
-    tilt = geometry.reflect(scene.turns.once, 0j, scene.tilt, x + 1j * y)
-    return as_columns(np.exp(1j * sensor.place.get("roll", 0.0)) * tilt)
-
-
-def _form(sensor: ListedSensor, towards: Plane, scene: Scene) -> Reals:
-    """(n,) m by which a target stands out in the direction (n,) from the axis to the place that is seen."""
-    return waves(sensor.forms[0], Turns(towards * scene.turns.once.conj()))
-
-
-GEOMETRY: Mapping[str, Geometry] = {
-    "axial_probe": _axial_probe,
-    "radial_probe": _radial_probe,
-    "tilt_sensor": _tilt_sensor,
-}
-"""What each kind of listed sensor sees, its target's form included: (n,), or (n, fields) of several fields."""
-
-
 @cache
 def geometries() -> Mapping[str, Geometry]:
-    """The same with what other packages say of kinds of their own, inputs among them, by the names of entry points.
+    """What each kind of listed sensor sees, its target's form included: (n,), or (n, fields) of several fields.
+
+    Those of the package are the functions `seen` of the files in `plant/listed/`, then come those that other packages
+    register of kinds of their own, inputs among them.
 
     Raises:
         InputError: what a package registers cannot be loaded or called, or is of a kind that is known.
     """
-    found = dict(GEOMETRY)
+    found = {module.__name__.rpartition(".")[2]: module.seen for module in modules_in(room)}
     for entry in plugins_of(ENTRY_POINTS):
         geometry = load_plugin(entry)
         if entry.name in found or not callable(geometry):
@@ -222,20 +186,3 @@ def geometries() -> Mapping[str, Geometry]:
             )
         found[entry.name] = geometry
     return found
-
-
-def _face(sensor: ListedSensor, scene: Scene) -> tuple[Reals, Plane]:
-    """Height (n,) m of the face before the probe, and the direction (n,) from the axis to the place that it sees."""
-    azimuth, radius = sensor.place.get("azimuth", 0.0), sensor.place["radius"]
-    towards = complex(np.cos(azimuth), np.sin(azimuth))
-    height, place = geometry.pierce_face(radius * towards, scene.radial, scene.axial, scene.tilt)
-    if radius == 0:  # about the axis the way that the rotor strays has no direction that would tell of the form
-        return height, np.full_like(place, towards)
-    return height, place / np.abs(place)
-
-
-def _artefact(sensor: ListedSensor, scene: Scene) -> tuple[Reals, Plane]:
-    """Displacement (n,) m of the surface before the probe, and the direction (n,) from the axis to it."""
-    azimuth, height = sensor.place["azimuth"], sensor.place["height"]
-    distance, cut = geometry.cut_artefact(azimuth, height, ARTEFACT_RADIUS, scene.radial, scene.axial, scene.tilt)
-    return distance - ARTEFACT_RADIUS, cut / ARTEFACT_RADIUS

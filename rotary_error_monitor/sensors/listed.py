@@ -13,6 +13,9 @@ from rotary_error_monitor.effects.rotor import Array
 from rotary_error_monitor.metrology.harmonics import angular_sum
 from rotary_error_monitor.sensors.sensor import Pose, Sensor
 
+MIRROR = "mirror"
+"""What sensors of tilt see of the rotor, the autocollimator among them."""
+
 
 class ListedKind(Sensor):
     """Base of the kinds of sensors that a stage lists: displacement of one place of the rotor in one direction.

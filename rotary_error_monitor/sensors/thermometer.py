@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rotary_error_monitor.description.stage import THERMOMETER, ListedSensor
+from rotary_error_monitor.description.stage import ListedSensor
 from rotary_error_monitor.effects.rotor import Array
 from rotary_error_monitor.sensors.listed_input import ListedInput
 
@@ -12,7 +12,7 @@ from rotary_error_monitor.sensors.listed_input import ListedInput
 class Thermometer(ListedInput):
     """Temperature of the place that it is called after."""
 
-    kind = THERMOMETER
+    kind = "thermometer"
 
     def measured(self, sensor: ListedSensor, reading: Array) -> Array:
         """(n,) temperature, °C."""

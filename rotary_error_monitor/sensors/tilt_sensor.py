@@ -8,10 +8,7 @@ import numpy as np
 
 from rotary_error_monitor.description.stage import AngularHarmonic, ListedSensor
 from rotary_error_monitor.effects.rotor import Array
-from rotary_error_monitor.sensors.listed import ListedKind
-
-MIRROR = "mirror"
-"""What autocollimator and tilt sensors see of the rotor."""
+from rotary_error_monitor.sensors.listed import MIRROR, ListedKind
 
 
 class TiltSensor(ListedKind):

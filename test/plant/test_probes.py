@@ -18,7 +18,7 @@ from rotary_error_monitor.description.stage import (
     StageDescription,
 )
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.plant.instruments import ARTEFACT_RADIUS
+from rotary_error_monitor.plant.listed.radial_probe import ARTEFACT_RADIUS
 from rotary_error_monitor.plant.scene import Fault, Scene
 from rotary_error_monitor.plant.stage import StagePlant, stage_clocks
 

@@ -14,7 +14,7 @@ from rotary_error_monitor.description.stage import PlanarHarmonic, StageDescript
 from rotary_error_monitor.description.wire import load_wire
 from rotary_error_monitor.effects.rotor import RotorState
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.plant.instruments import GEOMETRY
+from rotary_error_monitor.plant.instruments import geometries
 from rotary_error_monitor.sensors.library import input_kinds, kind_of, sensor_kinds, sensor_of
 from rotary_error_monitor.sensors.listed import ListedKind
 from rotary_error_monitor.sensors.listed_input import ListedInput
@@ -90,7 +90,7 @@ def test_all_that_a_listed_kind_is_written_down_in_says_the_same_of_it(kind):
     assert samples.columns == sensor.fields and people.publishers == samples.publishers == ("listed_sensor",)
     told = [field for field in (*samples.fields, *people.fields) if field.name not in ("variance", "wrench.torque")]
     assert {field.unit for field in told} == {sensor.unit}
-    assert (kind in GEOMETRY) is not is_input(kind)
+    assert (kind in geometries()) is not is_input(kind)
     assert ("error_estimator" in samples.subscribers) is not is_input(kind)
     assert {"gap_monitor", "recorder"} <= set(samples.subscribers)
 

@@ -18,6 +18,7 @@ class TiltSensor(SensorSection):
 
     fields = own_columns("tilt_sensor")
     unit = "rad"
+    further = "autocollimator"
 
     noise: Annotated[Noise, Expected("standard deviation of one reading in rad")]
     resolution: Annotated[Resolution, Expected("step of a reading in rad")]
