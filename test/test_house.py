@@ -212,6 +212,35 @@ def test_only_files_of_its_name_name_a_kind_of_listed_sensor():
     assert {name: kinds for name, kinds in named.items() if kinds} == {}
 
 
+TWICE = {
+    "TIME_COLUMN": "neither of `description` and `signals` imports the other; a test holds them equal",
+    "PACKAGE": "what starts first imports nothing of the package",
+    "ROTARY": "letters of ISO 841, to two rooms that do not know one another",
+    **dict.fromkeys(("BLUE", "GREEN", "PURPLE"), "the live page loads no plotting"),
+}
+"""Constants that stand in two files, and why."""
+
+
+def test_a_name_that_is_a_constant_stands_in_one_file():
+    """Such as that of a stream: whoever needs it imports it."""
+    found: dict[tuple[str, str], list[str]] = {}
+    for _, path in modules():
+        for node in (node for node in tree_of(path).body if isinstance(node, ast.Assign)):
+            for name, value in assigned(node):
+                if isinstance(value, ast.Constant) and isinstance(value.value, str) and name not in TWICE:
+                    found.setdefault((name.lstrip("_"), value.value), []).append(str(path.relative_to(PACKAGE)))
+    assert {name: where for name, where in found.items() if len(where) > 1} == {}
+
+
+def assigned(node: ast.Assign) -> Iterator[tuple[str, ast.expr]]:
+    """Names with their values, those of a tuple each by itself."""
+    for target in node.targets:
+        if isinstance(target, ast.Name):
+            yield target.id, node.value
+        elif isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple):
+            yield from ((ast.unparse(each), value) for each, value in zip(target.elts, node.value.elts, strict=True))
+
+
 CONTRACT = ("sensors", "description/wire.py")
 """Where names of columns may stand beside `msg_defs/`."""
 

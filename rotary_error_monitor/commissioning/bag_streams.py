@@ -12,10 +12,9 @@ from rotary_error_monitor.commissioning.command import COMMAND
 from rotary_error_monitor.commissioning.commission import AUTOCOLLIMATOR, FORCE
 from rotary_error_monitor.commissioning.streams import Recorded, Stream, join_blocks
 from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.streams import LVDT
 from rotary_error_monitor.description.wire import wire_of
 from rotary_error_monitor.metrology.forces import joined_force, load_cell
-
-LVDT = "lvdt"
 
 
 def read_streams(path: Path | str, stage: StageDescription, naming: Naming = THE_ONLY_CELL) -> Recorded:

@@ -24,10 +24,10 @@ from rotary_error_monitor.commissioning.streams import Recorded, Stream, StreamF
 from rotary_error_monitor.commissioning.tilt import fit_tilt, log_hand
 from rotary_error_monitor.commissioning.units import Unit, tilt_units
 from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.streams import AUTOCOLLIMATOR as AUTOCOLLIMATOR
+from rotary_error_monitor.description.streams import FORCE as FORCE
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.encoder_heads import LEAST_SEEN, seen_part
-
-AUTOCOLLIMATOR, FORCE = "autocollimator", "force"
 
 AZIMUTH = math.radians(2.0) / math.sqrt(3)
 """Standard uncertainty of azimuths of which the file states none, rad: heads are screwed on to within 2°."""

@@ -32,6 +32,7 @@ from rotary_error_monitor.description.stage_section import (
 )
 from rotary_error_monitor.description.stage_section import Encoder as Encoder
 from rotary_error_monitor.description.stage_section import Mirror as Mirror
+from rotary_error_monitor.description.streams import FORCE as FORCE
 from rotary_error_monitor.description.table_files import with_tables
 from rotary_error_monitor.description.two_axis_section import (
     DISTORTIONS,
@@ -46,9 +47,6 @@ from rotary_error_monitor.description.two_axis_section import Turbulence as Turb
 from rotary_error_monitor.description.yaml_files import read_yaml
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.resources import config
-
-FORCE = "force"
-"""Kind of the listed sensors that measure a force, and stream of the load cell that has a topic of its own."""
 
 TIMING = 2e-6
 """Standard uncertainty of the stamps of one stream against another, s, where the description states none: each of both

@@ -20,6 +20,9 @@ from rotary_error_monitor.description.wire_section import Service as Service
 from rotary_error_monitor.errors import InputError
 
 HEAD = "{head}"
+EXTERNAL = "external"
+"""Publisher or subscriber of the contract that is no node of the package."""
+
 TIME_COLUMN = "t"
 _EVERYONES = ("diagnostics",)
 """Keys of topics that all machines share: REP 107 puts the diagnostics of a whole system on one topic."""

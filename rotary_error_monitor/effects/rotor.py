@@ -10,12 +10,12 @@ import numpy as np
 
 from rotary_error_monitor.arrays import Array as Array  # for effects of other packages
 from rotary_error_monitor.description.stage import ListedSensor, PlanarHarmonic, StageDescription
+from rotary_error_monitor.description.streams import AUTOCOLLIMATOR as AUTOCOLLIMATOR
+from rotary_error_monitor.description.streams import COMMAND as COMMAND
+from rotary_error_monitor.description.streams import LVDT as LVDT
 from rotary_error_monitor.effects.effect import Effect, Parameter, Searched, Values
 
 HEAD = "head"
-AUTOCOLLIMATOR = "autocollimator"
-LVDT = "lvdt"
-COMMAND = "command"
 LISTED = "listed"
 """Stands for every sensor that a stage lists by name, of whatever kind."""
 

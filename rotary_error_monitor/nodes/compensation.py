@@ -16,6 +16,7 @@ from std_srvs.srv import Trigger
 
 from rotary_error_monitor.codec.error_motion_blocks import error_motion_from_block
 from rotary_error_monitor.description.machine import load_machine
+from rotary_error_monitor.description.streams import TEMPERATURE
 from rotary_error_monitor.errors import InputError, without_numbers
 from rotary_error_monitor.machine.kernel import describe_kernel
 from rotary_error_monitor.machine.limits import CorrectionOutcome
@@ -30,7 +31,6 @@ from rotary_error_monitor.signals.arrival import ArrivalCheck
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 
 NAME = "compensation"
-_TEMPERATURE = "temperature"
 
 
 class Compensation(ManagedNode):
@@ -72,7 +72,7 @@ class Compensation(ManagedNode):
             self.listen_to_blocks(motion, self._receive_motion)
         joints, limit = self.wire.topic("machine_joint_states"), self.setting("joint_age_limit")
         self._watches["joint states"] = self._joints = StreamWatch(joints.name, limit, limit, now_ns)
-        streams = [_TEMPERATURE, *(watch.what for watch in self._watches.values())]
+        streams = [TEMPERATURE, *(watch.what for watch in self._watches.values())]
         self._arrivals = {what: ArrivalCheck(round(60 * NANOSECONDS)) for what in streams}
         self.listen_to(joints, self._receive_joints)
         temperature = self.wire.topic("machine_temperature")
@@ -108,7 +108,7 @@ class Compensation(ManagedNode):
             self._compensator.thermometer.reset()  # nothing tells whose was the last one that was believed
             raise InputError(self.listening.publishers_of(self._temperature))
         stamp_ns, now_ns = messages.ns_from_stamp(message.header.stamp), self.now_ns()
-        if self._arrivals[_TEMPERATURE].was_set_back(self._compensator.thermometer.last_ns, now_ns):
+        if self._arrivals[TEMPERATURE].was_set_back(self._compensator.thermometer.last_ns, now_ns):
             self._begin_anew()
         self._compensator.push_temperature(message.temperature, min(stamp_ns or now_ns, now_ns))
 

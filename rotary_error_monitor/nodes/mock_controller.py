@@ -10,6 +10,7 @@ from functools import partial
 
 from rotary_error_monitor.description.machine import MachineDescription, load_machine
 from rotary_error_monitor.description.settings import Setting
+from rotary_error_monitor.description.streams import TEMPERATURE
 from rotary_error_monitor.description.topics import samples_columns
 from rotary_error_monitor.linuxcnc_controller.gate import GateLimits
 from rotary_error_monitor.linuxcnc_controller.protocol import LinkSettings
@@ -26,7 +27,6 @@ from rotary_error_monitor.signals.blocks import NANOSECONDS
 from rotary_error_monitor.sources.mock import MOCK, RATE, MockSource, mock_settings, mock_stage
 from rotary_error_monitor.sources.mock_machine import MachineMotion
 
-_TEMPERATURE = "temperature"
 _FORCE_PERIOD = 50_000_000
 _JOINT_STATE_PERIOD = 10_000_000
 _TEMPERATURE_PERIOD = NANOSECONDS
@@ -95,9 +95,9 @@ class MockController(ManagedNode):
             )
 
         def send_temperature(due_ns: int) -> None:
-            block = MockSource(self._plant, _TEMPERATURE).take(due_ns - _TEMPERATURE_PERIOD, due_ns)
+            block = MockSource(self._plant, TEMPERATURE).take(due_ns - _TEMPERATURE_PERIOD, due_ns)
             if block is not None:
-                temperature = block.columns(samples_columns(_TEMPERATURE))[-1, 0]
+                temperature = block.columns(samples_columns(TEMPERATURE))[-1, 0]
                 warmth_publisher.publish(messages.temperature_message(due_ns, warmth.frame, temperature))
 
         self.at_each(_JOINT_STATE_PERIOD, send_joints)

@@ -10,15 +10,13 @@ from numpy.typing import NDArray
 
 from rotary_error_monitor.description.listed_sensors import name_of
 from rotary_error_monitor.description.stage import AngularHarmonic, ListedSensor, StageDescription
+from rotary_error_monitor.description.streams import LVDT as LVDT
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.harmonics import angular_sum
 from rotary_error_monitor.sensors.library import listed_kind
 
 Array = NDArray[np.float64]
 Times = NDArray[np.int64]
-
-LVDT = "lvdt"
-"""Name of the two-axis LVDT, which is that of its stream."""
 
 ECCENTRIC = 1
 """Order of a target's form that is its eccentricity: a shift of a circle (e_x, e_y) is e_x cos(psi) + e_y sin(psi)."""

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.streams import AUTOCOLLIMATOR
 from rotary_error_monitor.metrology.agreement import LEAST_RATIO, ODDS
 from rotary_error_monitor.metrology.error_motion import COMPONENTS, described_error_motion, remove_mirror
 from rotary_error_monitor.pipeline.evidence import LONG, SHORT
@@ -18,7 +19,6 @@ from rotary_error_monitor.signals.resampling import Resampled
 
 Array = NDArray[np.float64]
 
-AUTOCOLLIMATOR = "autocollimator"
 LAGS = (1, SHORT)
 """Windows over which changes are looked at: a fast rotor shows over one, of a slow one that would be noise."""
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.pipeline.joint_checks import PROVEN
+from rotary_error_monitor.signals.admission import NOT_FINITE
 
 BEYOND = "beyond its range"
 FAST = "faster than a machine warms"
-NOT_FINITE = "not finite"
 
 JITTER = 0.5
 """What noise and resolution of a thermometer may add to a change, K: it is off by no more than half of that."""

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.streams import AUTOCOLLIMATOR as AUTOCOLLIMATOR
+from rotary_error_monitor.description.streams import COMMAND as COMMAND
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout, RingPose, estimate_ring_pose
 from rotary_error_monitor.metrology.error_motion import (
     BEND,
@@ -27,7 +29,6 @@ from rotary_error_monitor.pipeline.kernel import CommandParts, RingParts, TiltPa
 from rotary_error_monitor.pipeline.standing_rotor import RotorReadings
 from rotary_error_monitor.signals.resampling import Resampled
 
-AUTOCOLLIMATOR, COMMAND = "autocollimator", "command"
 TURN = 2 * np.pi
 
 HIGHEST_ORDER = 12

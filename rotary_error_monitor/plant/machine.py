@@ -9,10 +9,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.description.machine import Axis, Displacement, ErrorComponent, MachineDescription
+from rotary_error_monitor.description.machine import (
+    DIRECTIONS,
+    Axis,
+    Displacement,
+    ErrorComponent,
+    MachineDescription,
+)
 from rotary_error_monitor.errors import InputError
-
-DIRECTIONS = "XYZABC"
 
 
 @dataclass(frozen=True)

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from rotary_error_monitor.description.wire import Service, Topic, Wire
+from rotary_error_monitor.description.wire import EXTERNAL, Service, Topic, Wire
 from rotary_error_monitor.errors import InputError
 
 OPERATOR = "operator"
 """Who stands for a person: hears every topic and calls what the contract lets an operator call."""
 
-_EXTERNAL = "external"
 _ONE_EACH = ("encoder_head", "listed_sensor")
 """Executables of which a node runs for each head or each listed sensor."""
 
@@ -88,7 +87,7 @@ def cell_accesses(
     executables = {name for topic in wire for name in (*topic.publishers, *topic.subscribers)}
     executables |= {name for service in services for name in service.servers}
     nodes: Nodes = {}
-    for executable in sorted(executables - {_EXTERNAL}):
+    for executable in sorted(executables - {EXTERNAL}):
         if executable in _ONE_EACH:
             heads = sorted({topic.head for topic in wire.published_by(executable) if topic.head is not None})
             nodes |= {f"{executable}_{head}": (executable, head) for head in heads}

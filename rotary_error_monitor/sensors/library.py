@@ -12,6 +12,7 @@ import numpy as np
 import rotary_error_monitor.sensors as room
 from rotary_error_monitor.description.listed_sensors import is_input
 from rotary_error_monitor.description.stage import ListedSensor, StageDescription
+from rotary_error_monitor.description.streams import COMMAND as COMMAND
 from rotary_error_monitor.effects.rotor import Array
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plugins import classes_in, modules_of
@@ -21,9 +22,6 @@ from rotary_error_monitor.sensors.sensor import Sensor
 
 ENTRY_POINTS = "rotary_error_monitor.sensors"
 """Group of the modules with kinds of sensors of other packages."""
-
-COMMAND = "command"
-"""Channel of what the heads share against the command: as noisy as a head, in its unit."""
 
 
 @cache

@@ -10,11 +10,10 @@ from pathlib import Path
 import yaml
 
 from rotary_error_monitor.description.sections import place_named
-from rotary_error_monitor.description.wire import load_wire
+from rotary_error_monitor.description.wire import EXTERNAL, load_wire
 from rotary_error_monitor.description.yaml_files import read_yaml
 from rotary_error_monitor.errors import InputError, excerpt
 
-EXTERNAL = "external"
 _ANY = ("**", "*")
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.listed_sensors import ListedSensor
 from rotary_error_monitor.description.response import Response
-from rotary_error_monitor.description.stage import FORCE
+from rotary_error_monitor.description.streams import FORCE, TEMPERATURE
 from rotary_error_monitor.description.topics import samples_columns, samples_topic, stream_of
 from rotary_error_monitor.effects.rotor import HEAD
 from rotary_error_monitor.errors import InputError
@@ -21,7 +21,7 @@ from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.signals.coverage import MessageSpans, coverage_remarks
 from rotary_error_monitor.twin.rates import MOST_RATE
 
-_INPUTS = (COMMAND, FORCE, "temperature")
+_INPUTS = (COMMAND, FORCE, TEMPERATURE)
 """Streams of what drives the stage and acts on it."""
 
 _CLOCK_ACCURACY = 0.01

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rotary_error_monitor.cases.faults.named import Named, Pair, Reals, unnamed, vocabulary
-from rotary_error_monitor.description.machine import Axis, Displacement, MachineDescription
-from rotary_error_monitor.plant.machine import DIRECTIONS, MachineFault, Poses, over_travel
+from rotary_error_monitor.description.machine import DIRECTIONS, Axis, Displacement, MachineDescription
+from rotary_error_monitor.plant.machine import MachineFault, Poses, over_travel
 
 Vector = tuple[float, float, float]
 TURNED = {"XY": ("X", (0.0, 0.0, -1.0)), "XZ": ("Z", (0.0, 1.0, 0.0)), "YZ": ("Z", (-1.0, 0.0, 0.0))}

@@ -15,6 +15,7 @@ from scipy.ndimage import uniform_filter1d
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.sensor_section import SHAFT_FORCE
 from rotary_error_monitor.description.stage import FORCE, OWN_THERMOMETER, ListedSensor
+from rotary_error_monitor.description.streams import TEMPERATURE
 from rotary_error_monitor.effects.rotor import RotorState, StageEffect
 from rotary_error_monitor.gap.problem import FIRST_ORDER
 from rotary_error_monitor.metrology.forces import LoadCell, load_cell, shares
@@ -24,8 +25,6 @@ from rotary_error_monitor.metrology.thermometer_course import ThermometerCourse,
 from rotary_error_monitor.metrology.unread_temperature import UNKNOWN_COURSES, UNKNOWN_WARMING, unknown_warming
 from rotary_error_monitor.twin.recording import StageRecording, Stream
 from rotary_error_monitor.twin.stage import NEIGHBOURS, Acting, StageInputs, StageTwin, turned_by
-
-TEMPERATURE = "temperature"
 
 GAP = 3.5
 """Samples of a thermometer that may be missing at either end, as in a stream that has lost none."""
