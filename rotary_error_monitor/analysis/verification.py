@@ -144,10 +144,12 @@ def _pairs(
     """
     signal = _radial_signal(estimates, stage, height, chosen)
     if signal is None:
-        lacking = "radial error motion" if not height else "radial or tilt error motion"
+        lacking, remedy = "radial error motion", "record what shows it beside the references, or name fewer of them"
+        if height:
+            lacking, remedy = "radial or tilt error motion", "record heads and autocollimator, or compare at 0 mm"
         raise InputError(
-            f"{where}: {lacking} is not observable: a sensor is missing, not believed, or its samples are more than "
-            f"{MAX_GAP_NS * 1e-6:g} ms apart; record heads and autocollimator, or compare at 0 mm"
+            f"{where}: {lacking} is not observable without the references: a sensor is missing, not believed, or its "
+            f"samples are more than {MAX_GAP_NS * 1e-6:g} ms apart; {remedy}"
         )
     moved, spread = radial_at(estimates.error_motion[chosen], estimates.covariance[chosen], height)
     stamps = estimates.stamp_ns[chosen]

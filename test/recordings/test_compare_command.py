@@ -13,6 +13,7 @@ import pytest
 from described_stages import stage_of
 from mock_bags import write_stage_bag
 from referenced_stage import leaning_stages, raised, record
+from without_heads import STREAMS, example
 from world import Options, make_recording, random_stage, with_probes
 
 from rotary_error_monitor.analysis.verification_result import figures_of
@@ -173,3 +174,12 @@ def test_an_estimate_that_was_not_believed_is_told(bag):
     stiff = replace(stiff, spindle=replace(stiff.spindle, tilt=()), stated_limits={**stiff.stated_limits, "tilt": 1e-6})
     with pytest.raises(InputError, match=r"not observable.*; autocollimator: not believed at some time: .* at most"):
         verify_bag(bag, stiff)
+
+
+def test_a_stage_all_of_whose_sensors_are_references_is_told_to_name_fewer(tmp_path):
+    """Three probes and no heads: without the probes nothing is left that estimates."""
+    stage = load_stage(example(tmp_path))
+    bag = write_stage_bag(tmp_path / "bag", 4, (*STREAMS, "command"), stage)
+    with pytest.raises(InputError, match=r"one at 0 mm: radial error motion is not observable.* or name fewer of"):
+        verify_bag(bag, stage)
+    assert verify_bag(bag, stage, names=["one"]).comparisons
