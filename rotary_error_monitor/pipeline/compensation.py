@@ -284,7 +284,8 @@ class Compensator:
     def _note_flow(self, found: CompensationOutput, time_ns: int, remarks: Sequence[str]) -> None:
         """Whether corrections flow, and what is not as it should be."""
         warmth = self.thermometer.trouble(time_ns)
-        self.remarks = tuple(remark for remark in (*remarks, warmth) if remark)
+        said = self.joints.checks.velocities.remarks
+        self.remarks = tuple(remark for remark in (*remarks, *said, warmth) if remark)
         if self._corrector.doubt and not self.hold:  # with what may have raised the uncertainty
             self.hold = "; ".join((self._corrector.doubt, *self.remarks))
         if found.corrections:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.description.machine import Axis, MachineDescription
+from rotary_error_monitor.pipeline.joint_velocities import CONTRADICTED, UNCONFIRMED, JointVelocities
 from rotary_error_monitor.signals.admission import LARGEST_ANGLE
 from rotary_error_monitor.units import TURN
 
@@ -52,6 +53,10 @@ STANDING = {"linear": 1e-3, "rotary": 1e-3}
 """Way, m and rad, that an axis says it moves while its position stands, from which its position counts as frozen."""
 
 
+LAG = 20e-3
+"""Time constant of what filters velocities, s: what is said of an axis that came to stand fades with it."""
+
+
 class _State(NamedTuple):
     """A joint state: stamp, timestamp (ns), and position of each axis, m or rad."""
 
@@ -83,6 +88,7 @@ class JointChecks:
 
     Attributes:
         refused: joint states that were not believed, by reason.
+        velocities: whether those say what the positions do.
         heard_ns: stamp of the last one, believed or not, timestamp (ns); none before the first.
     """
 
@@ -95,6 +101,7 @@ class JointChecks:
         self._low, self._high = np.transpose([_reach(axis) for axis in machine.axes])
         self._none = np.zeros(len(machine.axes))
         self.refused: Counter[str] = Counter()
+        self.velocities = JointVelocities(machine.axes, machine.monitored)
         self.reset()
 
     def reset(self) -> None:
@@ -115,8 +122,10 @@ class JointChecks:
         self._still = np.zeros(len(self._axes))
         self._stands = np.zeros(len(self._axes), np.bool_)
         self._stood_ns = np.zeros(len(self._axes), np.int64)
+        self._pace_said = self._fades_from = np.zeros(len(self._axes))
         self._abrupt = np.zeros(len(self._axes))
         self._suspect = False
+        self.velocities.reset()
 
     def judge(
         self, stamp_ns: int, row: NDArray[np.float64], speeds: Mapping[str, float], unnamed: str | None = None
@@ -131,6 +140,8 @@ class JointChecks:
         """
         paused = self.heard_ns is not None and stamp_ns - self.heard_ns > PAUSE * 1e9
         self.heard_ns = stamp_ns
+        if paused:
+            self.velocities.pause()
         wrong = self._beyond(row, unnamed)
         if not wrong:
             said = self._said(speeds)
@@ -139,7 +150,11 @@ class JointChecks:
             wrong = jumped or frozen
             self._remember(stamp_ns, row)
         if wrong:
-            reason = next(name for name in (BEYOND_TRAVEL, JUMP, FROZEN) if name in wrong)
+            self.velocities.interrupt()
+        else:
+            wrong = self._contradicted(stamp_ns, row, speeds)
+        if wrong:
+            reason = next(name for name in (BEYOND_TRAVEL, JUMP, FROZEN, CONTRADICTED, UNCONFIRMED) if name in wrong)
             self.refused[reason] += 1
             self._doubtful = True
             return wrong
@@ -150,6 +165,16 @@ class JointChecks:
         if self._back_ns is None or stamp_ns - self._back_ns > SETTLED * 1e9:
             self._good, self._back_ns = self._recent[-1], None
         return ""
+
+    def _contradicted(self, stamp_ns: int, row: NDArray[np.float64], speeds: Mapping[str, float]) -> str:
+        """What is said against positions by the velocities that came with them."""
+        said = None
+        if speeds and not _are_signs(speeds):
+            said = np.array([speeds.get(axis.letter, 0.0) for axis in self._axes])
+        wrong = self.velocities.judge(stamp_ns, row, said)
+        if wrong:  # no course that speaks against another, and no place to come back to
+            self._since_ns, self._good = stamp_ns, None
+        return wrong
 
     def _remember(self, stamp_ns: int, row: NDArray[np.float64]) -> None:
         """Keep the states of the time in which a stall shows, and at least the last four."""
@@ -276,7 +301,12 @@ class JointChecks:
             self._abrupt = np.where(begins, unbraked, np.where(stands, self._abrupt, 0.0))
             self._stood_ns = np.where(begins, last.stamp_ns, self._stood_ns)
             self._stands, self._suspect = stands, bool(self._abrupt.any())
-        self._still = np.where(stands, self._still + said * min((stamp_ns - last.stamp_ns) * 1e-9, PAUSE), 0.0)
+            self._fades_from = np.where(begins, self._pace_said, self._fades_from)
+        self._pace_said = said
+        fades = said <= self._fades_from * np.exp((self._stood_ns - stamp_ns) * (0.5e-9 / LAG))
+        counts = stands & ~(fades & (said < self._fades_from))
+        self._still += np.where(counts, said * min((stamp_ns - last.stamp_ns) * 1e-9, PAUSE), 0.0)
+        self._still = np.where(stands, self._still, 0.0)
         for axis, way in zip(self._axes, self._still.tolist(), strict=True):
             if way > STANDING[axis.kind]:
                 return f"axis {axis.letter} is {FROZEN}: it says that it moved {way:.3g} {_unit(axis)}, and stands"
@@ -335,13 +365,18 @@ class JointChecks:
 
     def _said(self, speeds: Mapping[str, float]) -> NDArray[np.float64]:
         """Pace of each axis as the controller says it, m/s or rad/s; 0 where it says nothing."""
-        if len(speeds) > 1 and {abs(speed) for speed in speeds.values()} == {1.0}:
-            return self._none  # signs of the travel, as recordings of static poses have them
+        if _are_signs(speeds):
+            return self._none
         return np.array([abs(speeds.get(axis.letter, 0.0)) for axis in self._axes]) if speeds else self._none
 
     def _steps(self, difference: NDArray[np.float64]) -> NDArray[np.float64]:
         """Steps of the axes; a rotary one may be told modulo a turn."""
         return np.asarray(difference - TURN * np.rint(difference * self._per_turn))
+
+
+def _are_signs(speeds: Mapping[str, float]) -> bool:
+    """Whether these are signs of the travel, as recordings of static poses have them."""
+    return len(speeds) > 1 and {abs(speed) for speed in speeds.values()} == {1.0}
 
 
 def _unit(axis: Axis) -> str:

@@ -118,6 +118,7 @@ class JointTrack:
             if self.doubt:
                 self._refused = np.append(self._refused, stamp_ns)
                 return False
+        speed = np.where(self.checks.velocities.unused, 0.0, speed)
         told = not np.isnan(row).any()
         row = row if told else np.nan_to_num(row)
         recent = newest is not None and stamp_ns - newest <= LONGEST_STEP * NANOSECONDS

@@ -231,6 +231,39 @@ def test_joint_states_that_stand_or_end(seed):
     check(seed, run(machine, silent(begin, end)), begin, end, silence)
 
 
+@shows(
+    Row(
+        "joints",
+        "Positions and velocities of joint states contradict one another: another sign, unit or axis after a pause",
+        "`compensation: correction`: the axis goes against its velocity, so far in so long, and what that says; with"
+        " corrections, a warning that velocities of an axis are not used",
+        "ways of 0.04 s to 0.3 s are held against velocities within 30 ms of them; after a pause axes in motion are not"
+        " believed before. Of the monitored axis the encoder bears the position out, and where a velocity steps while"
+        " positions go on, these are believed; one that was always 0 is one that the driver does not fill in",
+        "held from 0.1 s of motion on; a fast reversal, or an axis below 1 % of its speed, takes 0.5 s or is not seen."
+        " Of an axis that stands nothing is seen until it moves",
+        "once the axis has gone as its velocities say for 0.1 s, or with a reset",
+    )
+)
+@pytest.mark.parametrize("seed", SEEDS)
+def test_positions_of_another_sign_after_a_pause(seed):
+    draw, begin, end = drawn(seed)
+    letter, pause = draw.choice(list("XYZA")), 0.6
+
+    def change(t, q, v):
+        if begin <= t < begin + pause:
+            return None
+        return (q | {letter: -q[letter]}, v) if begin + pause <= t < end + pause else (q, v)
+
+    found = run(Machine(seed), change)
+    verdict = compare(healthy(seed), found, begin, end + pause)
+    assert verdict.wrong == 0.0, verdict
+    assert verdict.fastest <= 1.0 + 1e-6, verdict
+    told = found.told(begin + pause, begin + pause + TOLD)
+    assert any(re.search("against its velocity|not held against|beyond its travel", each) for each in told), told
+    assert verdict.recovered <= 1.5 or end + pause + 1.5 > 8.0, verdict
+
+
 @pytest.mark.parametrize("velocities", ["left out", "zero"])
 @pytest.mark.parametrize("together", [True, False])
 @pytest.mark.parametrize("seed", SEEDS)
