@@ -10,7 +10,17 @@ from rotary_error_monitor.metrology.description_check import FigureCheck
 from rotary_error_monitor.metrology.periodic_curves import steepest
 from rotary_error_monitor.pipeline.command_belief import CommandBelief
 from rotary_error_monitor.pipeline.commanded_rotation import CommandedRotation
-from rotary_error_monitor.pipeline.evidence import EVERYWHERE, LONG, SHORT, Evidence, Reach, Window, WindowGrid, Windows
+from rotary_error_monitor.pipeline.evidence import (
+    EVERYWHERE,
+    LONG,
+    SHORT,
+    Evidence,
+    Reach,
+    Window,
+    WindowGrid,
+    Windows,
+    are_uneven,
+)
 from rotary_error_monitor.pipeline.head_belief import AGREEMENT, HeadBelief
 from rotary_error_monitor.pipeline.ring_belief import ABSENT, RingBelief
 from rotary_error_monitor.pipeline.stream_belief import StreamBelief
@@ -222,6 +232,12 @@ class Belief:
             self._zero_open = False
             self.ring.figure.forget()
             self.tilt.figure.forget()
+
+    def allow_for_rates(self, rates: Mapping[str, float]) -> None:
+        """What interpolation of a head misses contradicts others that have many more samples per s."""
+        self.heads.uneven = self.ring.uneven = are_uneven(
+            [rates[name] for name in self._head_names if rates[name] > 0.0]
+        )
 
     def _are_calm(self, windows: Windows) -> bool:
         """Whether all that is judged is there and believed in windows, so that their means have to be kept, no more."""

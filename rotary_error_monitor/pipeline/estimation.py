@@ -339,6 +339,7 @@ class Estimator:
         for place, decision in decided.items():  # a head that the live run did not wait for yet was not there for it
             there[place] &= decision.streams | self.belief.left_out | ~self._head_bits
         rates = {name: stream.rate for name, stream in self._streams.items()}
+        self.belief.allow_for_rates(rates)
         described, lacking = self._described.at(ticks, sampled, used, self._joined_ns)
         if lacking is not None:
             there, used = there & ~lacking, used & ~lacking

@@ -27,6 +27,10 @@ SIGMAS = 6.0
 PERSISTENT = 3
 """Windows out of the last `SHORT` in which something is beyond its limit that make it more than a passing glitch."""
 
+MUCH_FASTER = 2.0
+"""Times the samples of one head over those of another from which what interpolation of the slow one misses, the fast
+one shows: at even rates all miss nearly as much at once."""
+
 
 class Means(NamedTuple, Generic[Number]):
     """Means over a window of what its ticks say; its fields are the columns of `Evidence`."""
@@ -80,6 +84,11 @@ class Scatter(NamedTuple, Generic[Number]):
 
 SCATTERING = Scatter._fields
 _SCATTERING = [INDEX[name] for name in SCATTERING]
+
+
+def are_uneven(rates: Sequence[float]) -> bool:
+    """Whether heads with so many samples per s miss different parts of what the rotation does between samples."""
+    return len(rates) > 1 and max(rates) > MUCH_FASTER * min(rates)
 
 
 class Reach(NamedTuple):

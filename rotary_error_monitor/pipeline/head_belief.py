@@ -11,6 +11,7 @@ from rotary_error_monitor.description.stage import Encoder
 from rotary_error_monitor.description.stage_limits import StageLimits
 from rotary_error_monitor.metrology.agreement import chi_square_bound
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
+from rotary_error_monitor.metrology.error_motion import KINK
 from rotary_error_monitor.pipeline.evidence import EVERYWHERE, LONG, PERSISTENT, SHORT, Reach, Window, Windows
 from rotary_error_monitor.pipeline.ring_jumps import Change, RingJumps, change_between
 from rotary_error_monitor.pipeline.ring_scatter import RingScatter, StampsScatter
@@ -56,6 +57,7 @@ class HeadBelief:
         redundant: whether a further fault of a head would show.
         settled: heads that were never silent, or are where they were before: others would have to show that they lost
             counts meanwhile.
+        uneven: whether some heads have many more samples per s than others; whoever knows sets it.
         reach: where the part of the radial error motion that is not described can be at the next ticks, where only that
             tells a fault.
     """
@@ -99,6 +101,8 @@ class HeadBelief:
         self._scatter = RingScatter(timing)
         self._by_stamps = StampsScatter()
         self._last: tuple[int, float] | None = None
+        self.uneven = False
+        self._bends: deque[float] = deque(maxlen=SHORT)  # four samples around a tick, as far apart as any that count
         self._forget()
 
     def reset(self) -> None:
@@ -148,7 +152,8 @@ class HeadBelief:
             self._forget()
         self._redundancy = self._layout(believed).redundancy
         self.redundant = self._redundancy > 0
-        rate = self._allow_for_stamps(window.number, window.duration, window.mean.theta, window.mean.radial_variance)
+        seen = window.mean
+        rate = self._allow(window.number, window.duration, seen.theta, seen.radial_variance, seen.head_bend)
         self._restore(window, available)
         mean, there = window.mean, window.has("command")
         shown = mean.theta, mean.ecc if there else math.nan, mean.surplus_x, mean.surplus_y
@@ -175,32 +180,37 @@ class HeadBelief:
     def take_in(self, windows: Windows) -> list[tuple[float, float]]:
         """Take in windows that are calm, as `judge` does; give `scale` and `most` after each."""
         mean, duration, tolerances = windows.mean, windows.duration, list[float]()
-        for number, theta, variance in zip(windows.numbers, mean.theta, mean.radial_variance, strict=True):
-            self._allow_for_stamps(number, duration, theta, variance)
+        for row in zip(windows.numbers, mean.theta, mean.radial_variance, mean.head_bend, strict=True):
+            number, theta, variance, bend = row
+            self._allow(number, duration, theta, variance, bend)
             tolerances.append(self._tolerance)
         shown = zip(mean.theta, mean.ecc, mean.surplus_x, mean.surplus_y, strict=True)
         self._history.extend(zip(shown, windows.parity[:, : self._redundancy].tolist(), strict=True))
         weighed = self._weigh(mean.believed_agreement, mean.head_samples, tolerances, windows.ticks)
-        self._course(windows.last).follow_turn(windows.first, mean.theta, windows.pairs("surplus"))
+        if not self._is_bent(duration):
+            self._course(windows.last).follow_turn(windows.first, mean.theta, windows.pairs("surplus"))
         return weighed
 
-    def _allow_for_stamps(self, number: int, duration: float, theta: float, variance: float) -> float:
-        """Bear what the uncertainty of stamps makes; give the speed of the readings over their noise, 1/s.
+    def _allow(self, number: int, duration: float, theta: float, variance: float, bend: float) -> float:
+        """Bear what stamps and interpolation make; give the speed of the readings over their noise, 1/s.
 
         Args:
             number: of the window.
             duration: of it, s.
             theta: rotation in it, rad.
             variance: of what is seen of the ring's centre, m².
+            bend: mean third difference of the heads, rad: within some samples it may be none where these miss most.
         """
+        self._bends.append(abs(bend) if self.uneven else 0.0)
+        missed = KINK * max(self._bends)
         # noise of a head's: stamps show as speed over noise, beside which no more counts of what interpolation misses
         reading = min(math.sqrt(2.0 * variance) / self._radius, self._noisiest)
         last, self._last = self._last, (number, theta)
         if last is None or number == last[0] or reading == 0.0:
-            speed, reading = 0.0, 1.0
+            speed, reading, missed = 0.0, 1.0, 0.0
         else:
             speed = (theta - last[1]) / ((number - last[0]) * duration)
-        self._tolerance = math.hypot(1.0, self._timing * speed / reading)
+        self._tolerance = math.hypot(1.0, self._timing * speed / reading, missed / reading)
         return abs(speed) / reading
 
     def _weigh(
@@ -238,7 +248,8 @@ class HeadBelief:
             if not self.settled.issuperset(self._believed):
                 self.settled |= frozenset(self._believed)
             # where heads show the ring that can be believed
-            self._course(window).follow_turn(window.number, [window.mean.theta], [window.pair("surplus")])
+            if not self._is_bent(window.duration):
+                self._course(window).follow_turn(window.number, [window.mean.theta], [window.pair("surplus")])
         if self._since >= SHORT and not self.contradiction:  # none of the last ones is beyond anything
             return
         persistent = sum([beyond for beyond, _, _ in self._beyond]) >= PERSISTENT
@@ -347,6 +358,10 @@ class HeadBelief:
         self._returning = self._returning + duration if back else 0.0
         if self._returning >= AGREEMENT:
             self.contradiction, self._step = "", 0.0
+
+    def _is_bent(self, duration: float) -> bool:
+        """Whether interpolation misses more than the ring moves in a window, s, so that it shows none of its place."""
+        return KINK * max(self._bends) * self._radius > self._limits.radial_rate * duration
 
     def _course(self, window: Window) -> CentreCourse:
         """Where the ring was: heads that show all of its displacement show the same, whichever they are."""

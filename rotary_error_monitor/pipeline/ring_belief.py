@@ -39,12 +39,14 @@ class RingBelief:
         figure: of the ring's centre over the rotation.
         late: displacement that goes with the speed, at the present one, m: no bearing makes it, but stamps of heads
             that are apart by the same time do, where these are too many for the others to contradict them.
+        uneven: whether some heads have many more samples per s than others; whoever knows sets it.
     """
 
     def __init__(self, stage: StageDescription) -> None:
         """Judge of the ring of a stage."""
         encoder = stage.encoder or ABSENT
         self._limit, self._radius = stage.limits.radial, encoder.disc_radius
+        self.uneven = False
         self._fastest, self._timing = stage.limits.speed, stage.timing("encoder")
         noise = math.hypot(encoder.noise, encoder.resolution / math.sqrt(12.0)) * encoder.disc_radius
         self._noise = noise
@@ -64,6 +66,7 @@ class RingBelief:
         self.figure.forget()
         self.late = 0.0
         self._last: tuple[int, float] | None = None  # number and rotation of the last window
+        self._bent: deque[float] = deque([0.0], maxlen=SHORT)  # four samples around a tick, as far apart as any may be
         self._speed = self._fastest
         self._slope = SpeedSlope(10 * LONG, 2, TURN_ORDERS)
         self._agreeing = 0.0
@@ -156,7 +159,9 @@ class RingBelief:
     def _beyond(self, window: Window) -> str:
         mean = window.mean
         motion = _motion(mean.surplus_x, mean.surplus_y, mean.described_x, mean.described_y)
-        most = self._limit + self._apart_by_stamps + self._missed(mean.head_bend)
+        # within some samples the third difference may be none where interpolation misses most
+        missed = max(self._bent) if self.uneven else self._missed(mean.head_bend)
+        most = self._limit + self._apart_by_stamps + missed
         if motion <= most:
             return ""
         return (
@@ -176,6 +181,7 @@ class RingBelief:
     def _measure(self, number: int, duration: float, theta: float, surplus: tuple[float, float], missed: float) -> None:
         """The part of the displacement that goes with the speed."""
         last, self._last = self._last, (number, theta)
+        self._bent.append(missed)
         if last is None or last[0] != number - 1:
             self._speed = self._fastest
             return

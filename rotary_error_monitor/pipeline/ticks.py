@@ -176,7 +176,7 @@ class TickMaker:
             disagreement = ring.disagreement
             parity[:, : layout.redundancy] = ring.parity
             bends = [sampled[name].bend for name in heads]
-            seen_ring = self._ring_parts(layout, ring, bends, min(rates[name] for name in heads))
+            seen_ring = self._ring_parts(layout, ring, bends, [rates[name] for name in heads])
             tilt: TiltParts | None = None
             command: CommandParts | None = None
             if AUTOCOLLIMATOR in there:
@@ -213,10 +213,12 @@ class TickMaker:
         return layout, estimate_ring_pose(layout, encoder.disc_radius, readings, variance)
 
     def _ring_parts(
-        self, layout: HeadLayout, ring: RingPose, bends: Sequence[NDArray[np.float64]], slowest: float
+        self, layout: HeadLayout, ring: RingPose, bends: Sequence[NDArray[np.float64]], rates: Sequence[float]
     ) -> RingParts:
-        """What heads show, by their third differences (m, 1); the slowest of them gives so many samples per s."""
-        stage = self._stage
+        """What heads show, by their third differences (m, 1) and the samples per s that each of them gives."""
+        stage, slowest = self._stage, min(rates)
+        # heads of one rate miss nearly alike; what one that is slower misses displaces the ring by twice its share
+        alone = 2.0 if evidence.are_uneven(rates) else 1.0
         radial = remove_eccentricity(ring.centre, ring.theta, stage.ring)
         # what of the displacement is predicted, as far as these heads see it
         described = planar_sum(stage.spindle.radial, ring.theta) @ layout.view[1]
@@ -231,7 +233,7 @@ class TickMaker:
             ring.covariance,
             ring.disagreement,
             None if len(layout.observable) == 3 else self._radial_variance(layout, ring),
-            np.asarray(sum(bends[1:], bends[0])[:, 0] / len(bends)),
+            np.asarray(alone * sum(bends[1:], bends[0])[:, 0] / len(bends)),
             "x" in layout.observable,
             "y" in layout.observable,
             min(1.0, slowest * self._period),
