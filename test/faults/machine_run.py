@@ -27,6 +27,9 @@ DURATION = 8.0
 RATES = np.array([2e-3, 2e-3, 2e-3, 2e-2, 2e-2])
 """Limits of the shipped settings, m/s and rad/s."""
 
+SIGMAS = 6.0
+"""Standard deviations within which what is stated is right."""
+
 Time = TypeVar("Time", float, NDArray[np.float64])
 JointState = tuple[dict[str, float], dict[str, float]]
 Change = Callable[[float, dict[str, float], dict[str, float]], JointState | None]
@@ -95,12 +98,14 @@ class Run:
     """What came out.
 
     Attributes:
+        machine: that was corrected.
         corrections: by their stamps, ns.
         uncertain: standard uncertainty of the tool's position at each report, m, by stamp.
         held: why nothing came, by time (s) of a block of error motion after which it held.
         said: what else was said, each with its time (s): refused messages, and remarks while corrections went on.
     """
 
+    machine: Machine
     corrections: dict[int, Correction] = field(default_factory=dict)
     uncertain: dict[int, float] = field(default_factory=dict)
     held: dict[float, str] = field(default_factory=dict)
@@ -123,7 +128,7 @@ def run(
 
     Joint states are stamped ahead of their time (s) by `ahead`, s.
     """
-    compensator, found = Compensator(description), Run()
+    compensator, found = Compensator(description), Run(machine)
     for ms in range(0, round(DURATION * 1e3), 5):
         t = ms * 1e-3
         if ms % 500 == 0 and (value := temperature(t, machine.temperature(t))) is not None:
@@ -152,8 +157,8 @@ class Verdict:
 
     Attributes:
         wrong: part of the corrections after the first 0.1 s of the fault that say that all is well and are off, by more
-            than 6 standard uncertainties.
-        largest: by how much they are off at most, m.
+            than 6 standard deviations of the tool's position or tilt.
+        largest: by how much they put the tool elsewhere at most, m.
         fastest: largest rate of a correction over its limit.
         recovered: time (s) after the end of the fault from which corrections are again those without it; NaN for never.
     """
@@ -169,22 +174,16 @@ def compare(healthy: Run, found: Run, begin: float, end: float) -> Verdict:
     stamps = np.array(sorted(found.corrections))
     values = np.array([found.corrections[stamp].values for stamp in stamps])
     times = (stamps - START) * 1e-9
-    reported = np.array(sorted(found.uncertain))
-    uncertain = np.array([found.uncertain[stamp] for stamp in reported])
-    after = np.searchsorted(reported, stamps)
-    near = [uncertain[np.clip(after + k, 0, len(reported) - 1)] for k in (-1, 0)]  # it is told 20 times a second
-    spread = np.maximum(*near)
-    off = np.full(len(stamps), np.nan)
-    for i, stamp in enumerate(stamps.tolist()):
-        if stamp in healthy.corrections:
-            off[i] = np.linalg.norm(values[i, :3] - healthy.corrections[stamp].values[:3])
+    comparable = np.isin(stamps, list(healthy.corrections))
+    off, sigmas = np.full(len(stamps), np.nan), np.full(len(stamps), np.inf)
+    off[comparable], sigmas[comparable] = moved_apart(healthy, found, stamps[comparable])
     sure = np.array([found.corrections[stamp].outcome != CorrectionOutcome.RATE_LIMITED for stamp in stamps.tolist()])
     sure &= ~np.array([found.corrections[stamp].described for stamp in stamps.tolist()])
-    judged = sure & np.isfinite(off) & (times > begin + 0.1)
-    wrong = judged & (off > 6.0 * spread)
+    judged = sure & comparable & (times > begin + 0.1)
+    wrong = judged & (sigmas > SIGMAS)
     passed = np.minimum(np.diff(stamps) * 1e-9, 0.1)[:, None]
     fastest = float((np.abs(np.diff(values, axis=0)) / passed / RATES).max())
-    same = (times > end) & (off <= 6.0 * spread)
+    same = (times > end) & (sigmas <= SIGMAS)
     return Verdict(
         float(wrong.sum() / max(judged.sum(), 1)),
         float(off[wrong].max(initial=0.0)),
@@ -193,12 +192,39 @@ def compare(healthy: Run, found: Run, begin: float, end: float) -> Verdict:
     )
 
 
+def moved_apart(healthy: Run, found: Run, stamps: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """How far two runs put the tool apart at each stamp, (n,) m, and (n,) standard deviations that the second states.
+
+    These are of the direction in which it is furthest beyond them: of the tool's position or of its tilt. A covariance
+    is told 20 times a second: of the one before a stamp and the one behind it the larger counts.
+    """
+    apart = tool_offsets(found.machine, found, stamps) - tool_offsets(found.machine, healthy, stamps)
+    reported = np.array(sorted(found.uncertain))
+    covariances = np.array([found.corrections[stamp].report.covariance for stamp in reported.tolist()])
+    after = np.searchsorted(reported, stamps)
+    sigmas = np.full(len(stamps), np.inf)
+    for near in (np.clip(after + k, 0, len(reported) - 1) for k in (-1, 0)):
+        parts = [
+            np.einsum(
+                "ni,ni->n", apart[:, part], np.linalg.solve(covariances[near, part, part], apart[:, part, None])[..., 0]
+            )
+            for part in (slice(0, 3), slice(3, 5))
+        ]
+        sigmas = np.minimum(sigmas, np.sqrt(np.maximum(*parts)))
+    return np.asarray(np.linalg.norm(apart[:, :3], axis=1)), sigmas
+
+
 def left_over(machine: Machine, found: Run, stamps: NDArray[np.int64]) -> NDArray[np.float64]:
     """(n,) distance of the tool from where it should be, m, with the corrections of these stamps and the true rotor."""
+    return np.asarray(np.linalg.norm(tool_offsets(machine, found, stamps)[:, :3], axis=1))
+
+
+def tool_offsets(machine: Machine, found: Run, stamps: NDArray[np.int64]) -> NDArray[np.float64]:
+    """(n, 6) offset of the tool, m and rad, from where it should be with the corrections of these stamps."""
     t = (stamps - START) * 1e-9
     positions, speeds = np.moveaxis([machine.axis(axis.letter, t) for axis in MACHINE.axes], 0, 2)
     motion = ErrorMotion.joined([machine.error_motion((stamp - START) // MS, 1) for stamp in stamps.tolist()])
-    offset = remaining_offset(
+    return remaining_offset(
         MODEL,
         positions,
         np.array([found.corrections[stamp].values for stamp in stamps.tolist()]),
@@ -206,4 +232,3 @@ def left_over(machine: Machine, found: Run, stamps: NDArray[np.int64]) -> NDArra
         temperature=machine.temperature(t),
         monitored=np.where(motion.observable, motion.components, np.nan),
     )
-    return np.asarray(np.linalg.norm(offset[:, :3], axis=1))

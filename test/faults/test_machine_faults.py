@@ -150,6 +150,16 @@ def test_the_healthy_machine_is_corrected_at_full_rate():
         assert not [why for t, why in found.held.items() if t > 3.0]
 
 
+def test_a_correction_is_judged_by_where_it_puts_the_tool():
+    """One of the tilting axis alone tilts the tool; against those of linear axes alone it was none."""
+    sound = healthy(11)
+    for axis in range(len(MACHINE.axes) - 1):
+        off = 1e-4 * (np.arange(len(MACHINE.axes)) == axis)
+        moved = {stamp: replace(each, values=each.values + off) for stamp, each in sound.corrections.items()}
+        assert compare(sound, replace(sound, corrections=moved), 2.0, 3.0).wrong == 1.0
+    assert compare(sound, sound, 2.0, 3.0).wrong == 0.0
+
+
 _RECOVERED = "within 1 s after the first sound joint state"
 _HELD = "held; nothing moves"
 
