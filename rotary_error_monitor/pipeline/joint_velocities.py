@@ -252,7 +252,8 @@ class JointVelocities:
         against = counts & (off > allowed)
         # what would be within many velocities bears out none
         agrees = counts & (off <= allowed) & (np.abs(way) > PLAIN * (allowed + 0.5 * (high - low)))
-        self._pausing = False
+        # axes may go alike for a moment, and only the longest look tells slow ones
+        self._pausing = self._pausing and last.end_ns - self._sums[0].end_ns < LOOKS_NS[-1]
         if not self._held.any():
             self._moved, self._expected, self._time = way[-1], 0.5 * (low + high)[-1], float(time[-1, 0])
         self._note(against.any(axis=0), agrees.any(axis=0), np.where(against, off / time, 0.0).max(axis=0), block_ns)

@@ -248,10 +248,11 @@ def test_joint_states_that_stand_or_end(seed):
         "`compensation: correction`: the axis goes against its velocity, so far in so long, and what that says; with"
         " corrections, a warning that velocities of an axis are not used",
         "ways of 0.04 s to 0.3 s are held against velocities within 30 ms of them; after a pause axes in motion are not"
-        " believed before. Of the monitored axis the encoder bears the position out, and where a velocity steps while"
-        " positions go on, these are believed; one that was always 0 is one that the driver does not fill in",
-        "held from 0.1 s of motion on; a fast reversal, or an axis below 1 % of its speed, takes 0.5 s or is not seen."
-        " Of an axis that stands nothing is seen until it moves",
+        " believed before 0.4 s of it. Of the monitored axis the encoder bears the position out, and where a velocity"
+        " steps while positions go on, these are believed; one that was always 0 is one that the driver does not fill"
+        " in",
+        "held from 0.1 s of motion on; a fast reversal, or an axis below 1 % of its speed, takes 0.5 s or is not seen,"
+        " nor are two exchanged axes that go alike. Of an axis that stands nothing is seen until it moves",
         "once the axis has gone as its velocities say for 0.1 s, or with a reset",
     )
 )
