@@ -17,7 +17,6 @@ import yaml
 
 from rotary_error_monitor.cases.making import make_stage_case
 from rotary_error_monitor.description import definition_files, sensor_section, topics
-from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.kinds.stage.problem import StageProblem
@@ -108,8 +107,8 @@ def stage_problem():
 
     def make(seed, kind, effects=None, snr=None, rough=False, duration=20.0, stage_effects=None, **others):
         case = make_stage_case(seed, kind, effects, snr, rough, duration, **others)
-        topics = {samples_topic(stream): list(blocks) for stream, blocks in case.blocks.items()}
-        recording = record_stage(topics, sorted(case.twin.encoder.azimuths))
+        blocks = {stream: list(found) for stream, found in case.blocks.items()}
+        recording = record_stage(blocks, sorted(case.twin.encoder.azimuths))
         known = load_effects(StageEffect) if stage_effects is None else stage_effects
         return StageProblem(case.twin, recording, known), case.truth
 

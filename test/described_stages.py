@@ -1,15 +1,17 @@
-"""Stages by the content of a `stage` section, read as users' are: from a file."""
+"""Stages by the content of a `stage` section, read as users' are: from a file; and what was recorded of them."""
 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from rotary_error_monitor.description.stage import StageDescription, load_stage
+from rotary_error_monitor.description.topics import stream_of
+from rotary_error_monitor.signals.blocks import SampleBlock
 
 
 def stage_of(content: Mapping[str, Any]) -> StageDescription:
@@ -18,3 +20,8 @@ def stage_of(content: Mapping[str, Any]) -> StageDescription:
         path = Path(folder) / "stage.yaml"
         path.write_text(yaml.safe_dump({"stage": content}, sort_keys=False), encoding="utf-8")
         return load_stage(path)
+
+
+def by_stream(blocks: Mapping[str, Sequence[SampleBlock]]) -> dict[str, Sequence[SampleBlock]]:
+    """Blocks of topics by their streams."""
+    return {stream: each for topic, each in blocks.items() if (stream := stream_of(topic)) is not None}

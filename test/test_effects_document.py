@@ -14,7 +14,6 @@ import pytest
 from rotary_error_monitor.blind_check.cases import write_case
 from rotary_error_monitor.cases.making import make_stage_case
 from rotary_error_monitor.cli import main
-from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.library import ENTRY_POINTS, effect_named, load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
@@ -60,7 +59,7 @@ def test_the_document_names_every_hook():
 def test_the_example_moves_the_stage_as_the_exact_plant_does(case):
     effect = effect_named("oil_film", load_effects(StageEffect, [EXAMPLE]))
     (fault,) = case.truth.faults
-    recording = record_stage({samples_topic(n): list(b) for n, b in case.blocks.items()}, "abcd")
+    recording = record_stage({n: list(b) for n, b in case.blocks.items()}, "abcd")
     twin = twin_of(case.twin, recording, ())
     found = twin.predict((Cause(effect, "", np.asarray(fault.radial)),))["lvdt"] - twin.predict()["lvdt"]
     time = recording.streams["lvdt"].time + (recording.start_ns - case.plant.epoch_ns) * 1e-9

@@ -34,12 +34,14 @@ def read_streams(path: Path | str, stage: StageDescription, naming: Naming = THE
     topics = {name: wire.of_stream(name) for name in (*heads, *described, COMMAND, FORCE)}
     reader.check_topics(topics[name].name for name in heads)
     there = [name for name, topic in topics.items() if topic.name in reader.topics and reader.topics[topic.name].count]
-    window = reader.window([topics[name].name for name in there])
-    blocks = reader.read_blocks([topics[name].name for name in there], window)
+    names = [topics[name].name for name in there]
+    window = reader.window(names)
+    read = reader.read_blocks(names, window)
+    blocks = {name: read[topics[name].name] for name in there}
     for name in there:
-        for block in blocks[topics[name].name]:
+        for block in blocks[name]:
             block.check_fields(name, topics[name].columns)
-    joined = {name: join_blocks(blocks[topics[name].name], topics[name].columns) for name in there}
+    joined = {name: join_blocks(blocks[name], topics[name].columns) for name in there}
     streams = _with_shaft_force(stage, {name: each for name, each in joined.items() if len(each.times_ns)})
     reader.check_topics(topics[name].name for name in heads if name not in streams)
     remarks = [remark for remark in (*reader.remarks, window and window.remark) if remark]

@@ -65,7 +65,7 @@ class Stream:
 
 
 def join_blocks(blocks: Sequence[SampleBlock], fields: Sequence[str]) -> Stream:
-    """Stream of the blocks of one topic.
+    """Stream of its blocks.
 
     Raises:
         InputError: a block lacks one of the fields.

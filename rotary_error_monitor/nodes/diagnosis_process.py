@@ -89,7 +89,7 @@ class DiagnosisProcess:
         return time.monotonic() - self._began
 
     def start(self, blocks: Mapping[str, Sequence[SampleBlock]]) -> None:
-        """Diagnose sample blocks by topic, while the caller goes on.
+        """Diagnose sample blocks by stream, while the caller goes on.
 
         Raises:
             RuntimeError: the last one is still running.
@@ -135,7 +135,8 @@ class DiagnosisProcess:
     def _diagnose(
         self, folder: Path, blocks: Mapping[str, Sequence[SampleBlock]]
     ) -> tuple[str, Mapping[str, Any] | None]:
-        write_messages(folder / "bag", blocks, self._wire)
+        topics = {stream: self._wire.of_stream(stream).name for stream in blocks}
+        write_messages(folder / "bag", {topics[stream]: each for stream, each in blocks.items()}, self._wire)
         process = self._open(folder)
         if process is None:
             return "no verdict: the node ends", None

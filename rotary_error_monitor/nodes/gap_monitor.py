@@ -14,7 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from rotary_error_monitor.description.settings import Setting
+from rotary_error_monitor.description.stage import FORCE
 from rotary_error_monitor.description.wire import Topic
+from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, COMMAND, HEAD, LVDT
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.loading import load_twin
 from rotary_error_monitor.kinds.stage.admission import SHORTEST
@@ -40,7 +42,7 @@ _SHORTEST = 1.25 * SHORTEST
 _SLOW = 10.0
 """Silence, s, after which a thermometer counts as stale."""
 
-_HELPFUL = {"lvdt_samples": 1.0, "force_samples": 1.0, "temperature_samples": _SLOW}
+_HELPFUL = {LVDT: 1.0, FORCE: 1.0, "temperature": _SLOW}
 """Streams that a stage need not have, and the silence, s, after which they count as stale."""
 
 
@@ -129,16 +131,14 @@ class GapMonitor(ManagedNode):
             self._kept_folder(),
         )
         needed = [
-            *(self.wire.topic("head_samples", head) for head in self.stage.azimuths),
-            *([] if self.stage.autocollimator is None else [self.wire.topic("autocollimator_samples")]),
-            self.wire.topic("command_samples"),
+            *(f"{HEAD}_{head}" for head in self.stage.azimuths),
+            *([] if self.stage.autocollimator is None else [AUTOCOLLIMATOR]),
+            COMMAND,
         ]
-        listed = [self.wire.of_stream(stream) for stream in self.stage.listed]
-        helpful = [*(self.wire.topic(key) for key in _HELPFUL), *listed]
-        self._recorded = dict(zip(self.wire.names, self.contract.names, strict=True))
+        topics = {stream: self.wire.of_stream(stream) for stream in (*needed, *_HELPFUL, *self.stage.listed)}
         self._recent = RecentTurns(
-            {self._recorded[topic.name]: topic.columns for topic in (*needed, *helpful)},
-            self.contract.topic("command_samples").name,
+            {stream: topic.columns for stream, topic in topics.items()},
+            COMMAND,
             self.setting("turns"),
             _SHORTEST,
             self.setting("longest"),
@@ -147,18 +147,21 @@ class GapMonitor(ManagedNode):
         )
         self._max_age_ns = round(self.setting("max_age") * NANOSECONDS)
         late_after, now_ns = self.setting("max_age"), self.now_ns()
-        self._needed = {t.name: StreamWatch(t.name, late_after, _STALE_AFTER, now_ns) for t in needed}
-        slow = {self.wire.of_stream(stream).key: _SLOW for stream, each in self.stage.inputs.items() if each.is_slow}
-        stale_after = {topic.name: (_HELPFUL | slow).get(topic.key, _STALE_AFTER) for topic in helpful}
-        self._helpful = {name: StreamWatch(name, late_after, after, now_ns) for name, after in stale_after.items()}
-        self._listed = {topic.name for topic in listed}
+        slow = {stream: _SLOW for stream, each in self.stage.inputs.items() if each.is_slow}
+        stale_after = _HELPFUL | slow
+        watches = {
+            stream: StreamWatch(topic.name, late_after, stale_after.get(stream, _STALE_AFTER), now_ns)
+            for stream, topic in topics.items()
+        }
+        self._needed = {stream: watches[stream] for stream in needed}
+        self._helpful = {stream: watch for stream, watch in watches.items() if stream not in needed}
         self._due = time.monotonic()
         self._under_way = _Recording()
         self._verdict: _Verdict | None = None
         self._failure_text = ""
         self._failures = 0
-        for topic in (*needed, *helpful):
-            self.listen_to_blocks(topic, self._receiver(topic))
+        for stream, topic in topics.items():
+            self.listen_to_blocks(topic, self._receiver(stream, topic, watches[stream]))
         self.every(_LOOK_PERIOD, self._look_after)
 
     def release(self) -> None:
@@ -172,8 +175,8 @@ class GapMonitor(ManagedNode):
         # one that the stage lists is expected; of what has a topic whether a stage has it or not, silence tells nothing
         helpful = [
             watch.report(now_ns)
-            for name, watch in self._helpful.items()
-            if name in self._listed or watch.last_ns is not None
+            for stream, watch in self._helpful.items()
+            if stream in self.stage.listed or watch.last_ns is not None
         ]
         return [
             *(watch.report(now_ns) for watch in self._needed.values()),
@@ -198,9 +201,7 @@ class GapMonitor(ManagedNode):
         """Chance for one diagnosis: all of a day together have the parameter's."""
         return float(-math.expm1(math.log1p(-self.setting("false_alarms")) * min(self.setting("period") / _DAY, 1.0)))
 
-    def _receiver(self, topic: Topic) -> Callable[[SampleBlock], None]:
-        watch = self._needed.get(topic.name) or self._helpful[topic.name]
-
+    def _receiver(self, stream: str, topic: Topic, watch: StreamWatch) -> Callable[[SampleBlock], None]:
         def receive(block: SampleBlock) -> None:
             if self.listening.is_shared(topic.name):
                 watch.refuse("several publishers share the topic")
@@ -211,7 +212,7 @@ class GapMonitor(ManagedNode):
                 limit = self._max_age_ns / NANOSECONDS
                 watch.refuse(f"more than {limit:g} s from now; are the clocks of all computers alike?")
                 return
-            self._recent.push(self._recorded[topic.name], block)
+            self._recent.push(stream, block)
 
         return receive
 
@@ -241,7 +242,7 @@ class GapMonitor(ManagedNode):
         """Why no diagnosis can start now, beside the time of the next one; empty if none."""
         if not self.active:
             return "inactive"
-        silent = [name for name, watch in self._needed.items() if watch.last_ns is None or watch.is_stale(now_ns)]
+        silent = [w.what for w in self._needed.values() if w.last_ns is None or w.is_stale(now_ns)]
         if silent:
             return f"no samples on {', '.join(silent)}"
         recent, turns = self._recent, self.setting("turns")

@@ -48,7 +48,7 @@ class StreamRecorder(Recorder):
     """Records what instruments and controller publish as blocks of samples, with the diagnostics.
 
     Attributes:
-        samples: that came so far, by topic of the contract.
+        samples: that came so far, by stream.
         on_block: called with the stream's name and each of its blocks, on the node's worker.
     """
 
@@ -75,7 +75,7 @@ class StreamRecorder(Recorder):
             self._decoders[topic] = known.frame, BlockDecoder()
         stream, decoder = self._decoders[topic]
         block = decoder.decode(data)
-        self.samples[topic] += len(block.rows)
+        self.samples[stream] += len(block.rows)
         self.on_block(stream, block)
 
     def complaints(self, node: str, topic: str) -> list[str]:
@@ -135,7 +135,7 @@ class LiveCell:
 
     def counts(self) -> dict[str, int]:
         """Samples that came so far, by stream."""
-        return {topic.frame: self._node.samples[topic.name] for topic in self._node.contract if topic.is_raw}
+        return {stream: self._node.samples[stream] for stream in self.raw}
 
     def presence(self, stream: str, rate: float) -> Presence:
         """Who publishes a stream of which samples come at a rate, Hz."""

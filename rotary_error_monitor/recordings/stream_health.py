@@ -98,26 +98,28 @@ def read_streams(
         progress: is told how far it is.
         kept: streams of which all samples are needed.
     """
-    topics = {topic.name: topic for topic in wire if topic.is_raw}
-    there = [name for name in topics if name in reader.topics and reader.topics[name].count]
-    streams = {name: _StreamReader(topics[name], stage, keep if topics[name].frame in kept else None) for name in there}
+    there = [
+        topic for topic in wire if topic.is_raw and topic.name in reader.topics and reader.topics[topic.name].count
+    ]
+    streams = {topic.frame: _StreamReader(topic, stage, keep if topic.frame in kept else None) for topic in there}
+    topics = {topic.name: topic.frame for topic in there}
     with progress("streams") as step:
-        passed = Passed(reader.window(there), step)
-        for name, content, arrival_ns in contents_within(reader, there, lambda topic, error: None):
+        passed = Passed(reader.window(list(topics)), step)
+        for topic, content, arrival_ns in contents_within(reader, list(topics), lambda topic, error: None):
             passed.note(content)
             if isinstance(content, SampleBlock):
-                streams[name].add(content, arrival_ns)
+                streams[topics[topic]].add(content, arrival_ns)
     found = RecordedStreams()
-    for stream in streams.values():
+    for name, stream in streams.items():
         stream.take()
         if stream.samples > 1:
-            health, frame = stream.health, stream.topic.frame
+            health = stream.health
             found.health.append(health)
-            found.rates[frame] = health.rate
+            found.rates[name] = health.rate
             if stream.course is not None:
-                found.courses[frame] = stream.course.samples
+                found.courses[name] = stream.course.samples
             if stream.kept is not None:
-                found.kept[frame] = stream.kept
+                found.kept[name] = stream.kept
     return found
 
 

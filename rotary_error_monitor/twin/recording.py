@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +11,7 @@ from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.listed_sensors import ListedSensor
 from rotary_error_monitor.description.response import Response
 from rotary_error_monitor.description.streams import FORCE, TEMPERATURE
-from rotary_error_monitor.description.topics import samples_columns, samples_topic, stream_of
+from rotary_error_monitor.description.topics import samples_columns, samples_topic
 from rotary_error_monitor.effects.rotor import HEAD
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.responses import correct_block
@@ -109,20 +109,20 @@ def streams_with(
 
 
 def record_stage(
-    topics: Mapping[str, Sequence[SampleBlock]],
+    blocks: Mapping[str, Sequence[SampleBlock]],
     heads: Sequence[str],
     most_rate: float = MOST_RATE,
     without: Collection[str] = (),
     listed: Sequence[str] = (),
     responses: Mapping[str, Response] | None = None,
 ) -> StageRecording:
-    """Recording from the sample blocks of each topic.
+    """Recording from the sample blocks of each stream.
 
     Samples that are not finite are left out, and said so, as long as they are few; what the streams lack is said too.
     A listed sensor that is missing or of no use is left out as a whole, and said so: the others are worth a recording.
 
     Args:
-        topics: blocks of each topic.
+        blocks: of each stream, such as `head_a`.
         heads: letters of the heads that the twin has.
         most_rate: samples a second (Hz) of one sensor that are used; of one that is faster every so-manieth is.
         without: kinds of sensor that the stage does not have.
@@ -130,27 +130,27 @@ def record_stage(
         responses: of the instruments by stream, by which the samples are corrected.
 
     Raises:
-        InputError: topics are missing (all are named), too short, not finite, or their clocks do not overlap.
+        InputError: streams are missing (all are named), too short, not finite, or their clocks do not overlap.
     """
     needed, optional = streams_with(heads, without, listed)
-    missing = [samples_topic(name) for name in needed if not topics.get(samples_topic(name))]
+    missing = [name for name in needed if not blocks.get(name)]
     if missing:
         raise InputError(
-            f"the recording lacks {', '.join(missing)}; it has {', '.join(sorted(topics)) or 'no topic at all'}"
+            f"the recording lacks {_topics(missing)}; it has {_topics(sorted(blocks)) or 'no topic at all'}"
             f"{without_section(missing)}"
         )
-    present = [name for name in (*needed, *optional) if topics.get(samples_topic(name))]
+    present = [name for name in (*needed, *optional) if blocks.get(name)]
     if responses:
-        topics = _corrected(topics, present, responses)
-    start = min(int(block.times_ns[0]) for name in present for block in topics[samples_topic(name)][:1])
-    remarks = list(_coverage_remarks({samples_topic(name): topics[samples_topic(name)] for name in present}, start))
-    absent = [samples_topic(name) for name in listed if name not in present]
-    remarks += [f"{', '.join(absent)}: described, but not recorded; left out"] if absent else []
-    streams = {n: _stream(n, topics[samples_topic(n)], start, remarks) for n in present if n not in listed}
+        blocks = _corrected(blocks, present, responses)
+    start = min(int(block.times_ns[0]) for name in present for block in blocks[name][:1])
+    remarks = list(_coverage_remarks({name: blocks[name] for name in present}, start))
+    absent = [name for name in listed if name not in present]
+    remarks += [f"{_topics(absent)}: described, but not recorded; left out"] if absent else []
+    streams = {name: _stream(name, blocks[name], start, remarks) for name in present if name not in listed}
     _check_overlap(streams)
     for name in (name for name in present if name in listed):
         try:
-            found = _stream(name, topics[samples_topic(name)], start, remarks)
+            found = _stream(name, blocks[name], start, remarks)
             _check_overlap({COMMAND: streams[COMMAND], name: found})
         except InputError as error:
             remarks.append(f"{error}; left out")
@@ -161,39 +161,43 @@ def record_stage(
 
 
 def _corrected(
-    topics: Mapping[str, Sequence[SampleBlock]], streams: Sequence[str], responses: Mapping[str, Response]
+    blocks: Mapping[str, Sequence[SampleBlock]], streams: Sequence[str], responses: Mapping[str, Response]
 ) -> dict[str, Sequence[SampleBlock]]:
-    """Blocks of the topics as the package means them."""
-    found = dict(topics)
+    """Blocks of the streams as the package means them."""
+    found = dict(blocks)
     for name in streams:
         response = responses.get(name)
         if response is not None:
-            topic = samples_topic(name)
-            found[topic] = [correct_block(block, fields_of(name), response) for block in topics[topic]]
+            found[name] = [correct_block(block, fields_of(name), response) for block in blocks[name]]
     return found
 
 
 def without_section(missing: Collection[str]) -> str:
-    """What to do about missing topics if one is of a sensor that a stage need not have; else nothing."""
+    """What to do about missing streams if one is of a sensor that a stage need not have; else nothing."""
     kinds = [sensor for sensor in sensor_kinds().values() if sensor.is_needed and sensor.kind != HEAD]
-    lacking = [sensor.section for sensor in kinds if samples_topic(sensor.kind) in missing]
+    lacking = [sensor.section for sensor in kinds if sensor.kind in missing]
     said = [f"; a stage without {name} is described without the section '{name}'" for name in lacking]
-    heads = [stream for stream in map(stream_of, sorted(missing)) if stream is not None and kind_of(stream) == HEAD]
+    heads = [stream for stream in sorted(missing) if kind_of(stream) == HEAD]
     if heads:
         letters = ", ".join(stream.removeprefix(f"{HEAD}_") for stream in heads)
         said.append(f"; a stage without head {letters} is described without {letters} in 'encoder.heads'")
     return "".join(said)
 
 
-def _coverage_remarks(topics: Mapping[str, Sequence[SampleBlock]], start_ns: int) -> tuple[str, ...]:
+def _topics(streams: Iterable[str]) -> str:
+    """Streams as who recorded them knows them: by their topics."""
+    return ", ".join(map(samples_topic, streams))
+
+
+def _coverage_remarks(blocks: Mapping[str, Sequence[SampleBlock]], start_ns: int) -> tuple[str, ...]:
     found = {}
-    for topic, blocks in topics.items():
+    for stream, each in blocks.items():
         spans = MessageSpans()
-        for block in blocks:
+        for block in each:
             spans.add_block(block)
         coverage = spans.coverage()
         if coverage is not None:
-            found[topic] = coverage
+            found[samples_topic(stream)] = coverage
     return coverage_remarks(found, start_ns)
 
 
@@ -246,8 +250,9 @@ def _stream(name: str, blocks: Sequence[SampleBlock], start_ns: int, remarks: li
 def _check_sensors(streams: Mapping[str, Stream], described: Sequence[str]) -> None:
     """Refuse a recording of a stage without heads in which nothing measures."""
     if not any(name in streams for name in described):
-        expected = ", ".join(map(samples_topic, described))
-        raise InputError(f"the recording holds samples of no sensor; expected those of one or more of {expected}")
+        raise InputError(
+            f"the recording holds samples of no sensor; expected those of one or more of {_topics(described)}"
+        )
 
 
 def _check_overlap(streams: Mapping[str, Stream]) -> None:

@@ -21,7 +21,6 @@ from isolation import IsolationMatrix
 from rotary_error_monitor.blind_check.cases import make_case, plan_cases
 from rotary_error_monitor.blind_check.scores import score_case
 from rotary_error_monitor.cases.making import make_stage_case
-from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect, effects_of
 from rotary_error_monitor.gap.diagnosis import diagnose
@@ -37,8 +36,8 @@ OURS = "rotary_error_monitor"
 
 
 def recorded(case):
-    topics = {samples_topic(stream): list(blocks) for stream, blocks in case.blocks.items()}
-    return record_stage(topics, sorted(case.twin.encoder.azimuths))
+    blocks = {stream: list(found) for stream, found in case.blocks.items()}
+    return record_stage(blocks, sorted(case.twin.encoder.azimuths))
 
 
 @pytest.fixture(scope="module")

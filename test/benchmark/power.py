@@ -26,7 +26,6 @@ from rotary_error_monitor.cases.faults import StageFault
 from rotary_error_monitor.cases.making import make_stage_case
 from rotary_error_monitor.cases.response import times_of
 from rotary_error_monitor.description.stage import StageDescription
-from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.effects.library import effect_named, load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
@@ -108,11 +107,8 @@ class Setting:
 
 def recorded(plant: StagePlant) -> StageRecording:
     """A recording of the usual length."""
-    topics = {
-        samples_topic(stream): [plant.samples(stream, 0, len(times_of(plant, stream, DURATION)))]
-        for stream in plant.streams
-    }
-    return record_stage(topics, sorted(plant.stage.encoder.azimuths))
+    blocks = {stream: [plant.samples(stream, 0, len(times_of(plant, stream, DURATION)))] for stream in plant.streams}
+    return record_stage(blocks, sorted(plant.stage.encoder.azimuths))
 
 
 def information_of(problem: StageProblem, cause: Cause) -> float:

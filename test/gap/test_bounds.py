@@ -16,7 +16,6 @@ from simulated_pointings import pointing_file, simulate_pointings
 
 from rotary_error_monitor.blind_check.cases import draw_machine
 from rotary_error_monitor.cases.making import make_machine_case, make_stage_case
-from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.effect import Cause, Parameter, Role
 from rotary_error_monitor.effects.library import effect_named, load_effects
 from rotary_error_monitor.effects.machine_effect import MachineEffect
@@ -65,13 +64,13 @@ ALL = [
 
 def made_stage(effects):
     case = make_stage_case(5, "null", duration=13.0)
-    recording = record_stage({samples_topic(name): list(blocks) for name, blocks in case.blocks.items()}, "abcd")
+    recording = record_stage({name: list(blocks) for name, blocks in case.blocks.items()}, "abcd")
     return StageProblem(case.twin, recording, effects)
 
 
 def made_probed_stage(effects):
-    topics = {samples_topic(name): blocks for name, blocks in blocks_of(recorded(5, stage=PROBED)).items()}
-    return StageProblem(PROBED, record_stage(topics, "abcd", listed=tuple(PROBED.sensors)), effects)
+    blocks = blocks_of(recorded(5, stage=PROBED))
+    return StageProblem(PROBED, record_stage(blocks, "abcd", listed=tuple(PROBED.sensors)), effects)
 
 
 def made_machine(effects):

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from rotary_error_monitor.cases.making import make_stage_case
-from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.gap.diagnosis import diagnose
@@ -27,16 +26,16 @@ def healthy():
 
 def turned(case, angle):
     """Problem of a healthy stage whose autocollimator is turned about its line of sight."""
-    topics = {samples_topic(stream): list(blocks) for stream, blocks in case.blocks.items()}
-    topic = samples_topic("autocollimator")
-    names = topics[topic][0].names
+    streams = {stream: list(blocks) for stream, blocks in case.blocks.items()}
+    turned = streams["autocollimator"]
+    names = turned[0].names
     axes = [names.index("tilt_x"), names.index("tilt_y")]
     cos, sin = math.cos(angle), math.sin(angle)
-    for i, block in enumerate(topics[topic]):
+    for i, block in enumerate(turned):
         rows = block.rows.copy()
         rows[:, axes] = block.rows[:, axes] @ np.array([[cos, -sin], [sin, cos]])
-        topics[topic][i] = SampleBlock(block.stamp_ns, block.names, rows)
-    return StageProblem(case.twin, record_stage(topics, sorted(case.twin.encoder.azimuths)), EFFECTS)
+        turned[i] = SampleBlock(block.stamp_ns, block.names, rows)
+    return StageProblem(case.twin, record_stage(streams, sorted(case.twin.encoder.azimuths)), EFFECTS)
 
 
 @pytest.mark.few(2)

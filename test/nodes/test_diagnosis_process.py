@@ -9,7 +9,6 @@ import pytest
 import yaml
 
 from rotary_error_monitor.cases.making import make_stage_case
-from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.description.wire import load_wire
 from rotary_error_monitor.nodes.diagnosis_process import LATEST, DiagnosisProcess
 from rotary_error_monitor.twin.document import stage_mapping
@@ -24,7 +23,7 @@ def case():
 
 @pytest.fixture
 def blocks(case):
-    return {samples_topic(name): list(found) for name, found in case.blocks.items()}
+    return {name: list(found) for name, found in case.blocks.items()}
 
 
 @pytest.fixture

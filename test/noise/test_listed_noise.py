@@ -10,7 +10,6 @@ import pytest
 from draws import seeds
 from probed_stage import HIGH, LOW, SECONDS, STAGE, TOP, Withheld, blocks_of, recorded
 
-from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.errors import InputError
@@ -27,8 +26,7 @@ EFFECTS = load_effects(StageEffect)
 
 
 def problem_of(streams, stage=STAGE):
-    topics = {samples_topic(name): blocks for name, blocks in blocks_of(streams).items()}
-    return StageProblem(stage, record_stage(topics, "abcd", listed=tuple(stage.sensors)), EFFECTS)
+    return StageProblem(stage, record_stage(blocks_of(streams), "abcd", listed=tuple(stage.sensors)), EFFECTS)
 
 
 def test_an_instrument_is_a_kind_or_a_listed_sensor():

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from rotary_error_monitor.cases.making import make_stage_case
-from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.noise.head_grid import align_heads
 from rotary_error_monitor.noise.stage_noise import StageNoise
 from rotary_error_monitor.twin.recording import StageRecording, Stream, record_stage
@@ -16,7 +15,7 @@ from rotary_error_monitor.twin.stage import twin_of
 @pytest.fixture
 def recorded():
     case = make_stage_case(2, "null", duration=10.0)
-    recording = record_stage({samples_topic(s): list(blocks) for s, blocks in case.blocks.items()}, "abcd")
+    recording = record_stage({s: list(blocks) for s, blocks in case.blocks.items()}, "abcd")
     twin = twin_of(case.twin, recording)
     residual = {name: recording.streams[name].values - values for name, values in twin.predict().items()}
     return recording, StageNoise(case.twin, recording, residual)

@@ -18,7 +18,6 @@ from staged_files import BALL_PROBE, STAGES
 
 from rotary_error_monitor.cli import main
 from rotary_error_monitor.description.stage import StageDescription, load_stage
-from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.description.wire import wire_of
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.noise.channels import channels_of
@@ -303,7 +302,7 @@ def test_what_an_input_of_a_package_measures_explains_what_goes_with_it(pump, tm
 def test_an_input_without_class_is_told_and_left_out(pump):
     stage = load_stage(pump({**FLOW_POINTS, SENSORS: {}}))
     plant = mock_stage(stage, MockSettings(1, EPOCH_NS, (4.0,), forces=False))
-    blocks = {samples_topic(stream): [plant.samples(stream, 0, 400)] for stream in plant.streams}
+    blocks = {stream: [plant.samples(stream, 0, 400)] for stream in plant.streams}
     recording = record_stage(blocks, "abcd", listed=tuple(stage.listed))
     assert "coolant_flow_pump" not in recording.streams and "head_a" in recording.streams
     assert any(each.startswith("coolant_flow_pump: it has a section, but no class in") for each in recording.remarks)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.signals.blocks import block_from_samples
 from rotary_error_monitor.twin.recording import StageRecording, Stream, record_stage, thinned
@@ -27,12 +26,12 @@ def blocks(names, count=600, offset_ns=0, values=None):
 
 
 @pytest.fixture
-def topics():
-    return {samples_topic(name): blocks(names) for name, names in FIELDS.items()}
+def streams():
+    return {name: blocks(names) for name, names in FIELDS.items()}
 
 
-def test_blocks_become_continuous_streams(topics):
-    recording = record_stage(topics, ["a", "b"])
+def test_blocks_become_continuous_streams(streams):
+    recording = record_stage(streams, ["a", "b"])
     assert recording.heads == ("head_a", "head_b")
     assert recording.sensors == ("autocollimator", "head_a", "head_b")
     assert recording.start_ns == START
@@ -41,37 +40,37 @@ def test_blocks_become_continuous_streams(topics):
     assert recording.streams["command"].period == pytest.approx(0.004)
 
 
-def test_missing_topics_are_all_named(topics):
-    del topics[samples_topic("head_b")], topics[samples_topic("command")]
+def test_missing_streams_are_all_named(streams):
+    del streams["head_b"], streams["command"]
     with pytest.raises(InputError, match=r"lacks /stage/head_b/samples, /stage/command/samples; it has /stage/auto"):
-        record_stage(topics, ["a", "b"])
+        record_stage(streams, ["a", "b"])
 
 
-def test_too_few_samples_are_an_error(topics):
-    topics[samples_topic("head_a")] = blocks(("angle",), count=40)
+def test_too_few_samples_are_an_error(streams):
+    streams["head_a"] = blocks(("angle",), count=40)
     with pytest.raises(InputError, match=r"/stage/head_a/samples: only 40 samples; 200 are needed"):
-        record_stage(topics, ["a", "b"])
+        record_stage(streams, ["a", "b"])
 
 
-def test_a_few_samples_that_are_not_finite_are_left_out_and_told(topics):
+def test_a_few_samples_that_are_not_finite_are_left_out_and_told(streams):
     values = np.zeros((600, 2))
     values[10:13, 0] = np.nan
-    topics[samples_topic("autocollimator")] = blocks(FIELDS["autocollimator"], values=values)
-    recording = record_stage(topics, ["a", "b"])
+    streams["autocollimator"] = blocks(FIELDS["autocollimator"], values=values)
+    recording = record_stage(streams, ["a", "b"])
     assert len(recording.streams["autocollimator"].time) == 597
     assert recording.remarks == ("/stage/autocollimator/samples: 3 samples are not finite and were left out",)
 
 
-def test_many_samples_that_are_not_finite_are_an_error(topics):
-    topics[samples_topic("head_a")] = blocks(("angle",), values=np.full((600, 1), np.nan))
+def test_many_samples_that_are_not_finite_are_an_error(streams):
+    streams["head_a"] = blocks(("angle",), values=np.full((600, 1), np.nan))
     with pytest.raises(InputError, match=r"head_a/samples: 600 of 600 samples are not finite"):
-        record_stage(topics, ["a", "b"])
+        record_stage(streams, ["a", "b"])
 
 
-def test_clocks_that_do_not_overlap_are_an_error(topics):
-    topics[samples_topic("head_a")] = blocks(("angle",), offset_ns=3_600_000_000_000)
+def test_clocks_that_do_not_overlap_are_an_error(streams):
+    streams["head_a"] = blocks(("angle",), offset_ns=3_600_000_000_000)
     with pytest.raises(InputError, match=r"clocks of /stage/head_a/samples .* and /stage/command/samples .* overlap"):
-        record_stage(topics, ["a", "b"])
+        record_stage(streams, ["a", "b"])
 
 
 def test_of_fast_sensors_some_samples_are_used_those_of_all_heads_together():

@@ -10,7 +10,6 @@ from probed_stage import HIGH, LOW, STAGE, TOP
 
 from rotary_error_monitor.cases.making import make_stage_case
 from rotary_error_monitor.description.stage import AngularHarmonic, PlanarHarmonic
-from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.twin.recording import record_stage
 from rotary_error_monitor.twin.stage import StageInputs, StageTwin, twin_of
 from rotary_error_monitor.twin.stage_parameters import uncertain_parameters
@@ -20,8 +19,8 @@ def test_a_parameter_moves_the_streams_that_it_names_and_no_other():
     case = next(
         c for c in (make_stage_case(seed, "null", rough=True, duration=10.0) for seed in range(9)) if c.twin.lvdt
     )
-    topics = {samples_topic(stream): list(blocks) for stream, blocks in case.blocks.items()}
-    twin = twin_of(case.twin, record_stage(topics, "abcd"))
+    blocks = {stream: list(found) for stream, found in case.blocks.items()}
+    twin = twin_of(case.twin, record_stage(blocks, "abcd"))
     base = twin.predict()
     parameters = uncertain_parameters(case.twin)
     assert len(parameters) > 40

@@ -9,7 +9,6 @@ import pytest
 
 from rotary_error_monitor.cases.making import make_stage_case
 from rotary_error_monitor.description.harmonics import AngularHarmonic
-from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
@@ -23,8 +22,8 @@ MOVING = {"following_error": "", "encoder_latency": "", "drive_cyclic_error": "o
 @pytest.fixture(scope="module")
 def recorded():
     case = make_stage_case(7, "null", duration=6.0)
-    topics = {samples_topic(stream): list(blocks) for stream, blocks in case.blocks.items()}
-    return case.twin, record_stage(topics, sorted(case.twin.encoder.azimuths))
+    blocks = {stream: list(found) for stream, found in case.blocks.items()}
+    return case.twin, record_stage(blocks, sorted(case.twin.encoder.azimuths))
 
 
 def cause(name, size):
@@ -83,8 +82,8 @@ def test_waves_of_more_orders_than_are_kept(recorded):
 def test_a_graduation_is_read_where_the_sight_line_cuts_the_eccentric_ring(order):
     """Against the plant, which cuts a ring in space: with 130 µrad on a ring that is 26 µm off centre."""
     case = make_stage_case(7, "null", duration=6.0)
-    topics = {samples_topic(stream): list(blocks) for stream, blocks in case.blocks.items()}
-    recording = record_stage(topics, sorted(case.twin.encoder.azimuths))
+    blocks = {stream: list(found) for stream, found in case.blocks.items()}
+    recording = record_stage(blocks, sorted(case.twin.encoder.azimuths))
 
     def shown(*graduation):
         encoder = replace(case.twin.encoder, eccentricity=(2e-5, -1.6e-5), graduation=graduation)

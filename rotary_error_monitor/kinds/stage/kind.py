@@ -44,13 +44,15 @@ class StageKind(Kind[StageDescription, StageEffect, "StageProblem"]):
         with opened_bag(recording, twin.naming) as reader:
             letters, without = sorted(twin.description.azimuths), absent_kinds(twin.description)
             listed = tuple(twin.description.listed)
-            streams = streams_with(letters, without, listed)
-            needed, optional = ([samples_topic(name) for name in names] for names in streams)
-            _check_topics(reader, needed)
-            names = [*needed, *(name for name in optional if name in reader.topics and reader.topics[name].count)]
+            needed, optional = streams_with(letters, without, listed)
+            _check_streams(reader, needed)
+            topics = {name: samples_topic(name) for name in (*needed, *optional)}
+            there = [name for name in topics if name in needed or _is_recorded(reader, topics[name])]
+            names = [topics[name] for name in there]
             window = reader.window(names)
-            blocks = reader.read_blocks(names, window)
-            elsewhere = [name for name in needed if not blocks[name]]
+            read = reader.read_blocks(names, window)
+            blocks = {name: read[topics[name]] for name in there}
+            elsewhere = [topics[name] for name in needed if not blocks[name]]
             if elsewhere and window is not None:
                 lost = f"{', '.join(elsewhere)} and the others do not overlap in time: {window.remark}"
                 raise InputError(f"{reader.path}: {lost}")
@@ -74,14 +76,18 @@ class StageKind(Kind[StageDescription, StageEffect, "StageProblem"]):
         return stage_mapping(description)
 
 
-def _check_topics(reader: BagReader, needed: Sequence[str]) -> None:
-    """Hold a bag against the topics without which there is no recording of the stage.
+def _is_recorded(reader: BagReader, topic: str) -> bool:
+    return topic in reader.topics and reader.topics[topic].count > 0
+
+
+def _check_streams(reader: BagReader, needed: Sequence[str]) -> None:
+    """Hold a bag against the streams without which there is no recording of the stage.
 
     Raises:
         InputError: some are missing; the message says what to do where the stage need not have their sensor.
     """
     try:
-        reader.check_topics(needed)
+        reader.check_topics(map(samples_topic, needed))
     except InputError as error:
-        missing = [name for name in needed if name not in reader.topics or not reader.topics[name].count]
+        missing = [name for name in needed if not _is_recorded(reader, samples_topic(name))]
         raise InputError(f"{error}{without_section(missing)}") from error

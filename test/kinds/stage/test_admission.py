@@ -12,7 +12,6 @@ from draws import seeds
 from rotary_error_monitor.cases.draws import draw_stage
 from rotary_error_monitor.cases.making import EPOCH_NS, make_stage_case
 from rotary_error_monitor.description.stage import Mirror, Spindle, load_stage
-from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.errors import InputError
@@ -28,11 +27,11 @@ EFFECTS = load_effects(StageEffect)
 
 
 def recorded(plant, length):
-    topics = {}
+    blocks = {}
     for stream in plant.streams:
         count = plant.index_at(stream, plant.epoch_ns + round(length * 1e9))
-        topics[samples_topic(stream)] = [plant.samples(stream, 0, count)]
-    return record_stage(topics, "abcd")
+        blocks[stream] = [plant.samples(stream, 0, count)]
+    return record_stage(blocks, "abcd")
 
 
 @pytest.fixture(scope="module")
@@ -91,8 +90,8 @@ def test_twins_of_other_stages_are_refused_at_a_rate(cases):
 @pytest.mark.parametrize("effects", [["spindle_radial", "mirror_wobble"], ["disc_eccentricity", "spindle_tilt"]])
 def test_the_strongest_effects_do_not_pass_for_another_stage(effects):
     case = make_stage_case(8, "pair", effects, (2900.0, 3000.0), rough=True, duration=20.0)
-    topics = {samples_topic(stream): list(blocks) for stream, blocks in case.blocks.items()}
-    check_stage(*compared(case.twin, record_stage(topics, "abcd")))
+    blocks = {stream: list(found) for stream, found in case.blocks.items()}
+    check_stage(*compared(case.twin, record_stage(blocks, "abcd")))
 
 
 def nominal(stage, *kept):

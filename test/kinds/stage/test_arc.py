@@ -9,7 +9,6 @@ import pytest
 from draws import seeds
 
 from rotary_error_monitor.cases.making import make_stage_case
-from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.library import effect_named, load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
@@ -64,7 +63,7 @@ def test_on_an_arc_no_statement_of_the_right_twin_is_false():
         arc, speed = draw.uniform(1.5, 8.0), draw.uniform(0.3, 3.0)
         to_and_fro = Motion((Segment(arc / speed, speed), Segment(arc / speed, -speed)))
         case = make_stage_case(seed, "null", rough=True, duration=20.0, motion=to_and_fro)
-        recording = record_stage({samples_topic(name): list(blocks) for name, blocks in case.blocks.items()}, "abcd")
+        recording = record_stage({name: list(blocks) for name, blocks in case.blocks.items()}, "abcd")
         problem = StageProblem(case.twin, recording, EFFECTS)
         statements = stage_statements(recording, problem.raw_residual(()), problem.twin, problem.noise.std)
         false += any(each.stated > BURIED * each.measured and each.apart > FALSE * each.stated for each in statements)

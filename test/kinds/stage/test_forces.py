@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from described_stages import stage_of
+from described_stages import by_stream, stage_of
 from draws import seeds
 from faults.documenting import Row, shows
 from world import Options, make_recording
@@ -74,7 +74,7 @@ def problem_of(recording, sensors, named=None, without=(FORCE,), change=None):
     if change is not None:
         change(topics)
     listed = tuple(stage.listed)
-    found = record_stage(topics, "abcd", without=("lvdt",), listed=listed, responses=stage.responses)
+    found = record_stage(by_stream(topics), "abcd", without=("lvdt",), listed=listed, responses=stage.responses)
     return stage_problem(stage, found, EFFECTS)
 
 
@@ -282,7 +282,7 @@ def test_noise_of_the_load_cell_is_no_gap_however_good_the_heads_are():
             replace(block, rows=block.rows + np.insert(0.5 * draw.normal(size=(len(block.rows), 2)), 0, 0.0, axis=1))
             for block in topics[FORCE]
         ]
-        found = diagnose(stage_problem(stage, record_stage(topics, "abcd", without=("lvdt",)), EFFECTS))
+        found = diagnose(stage_problem(stage, record_stage(by_stream(topics), "abcd", without=("lvdt",)), EFFECTS))
         if found.verdict is not Verdict.NO_GAP:
             told.append(found.as_mapping()["remainder"])
     assert len(told) <= 1, told

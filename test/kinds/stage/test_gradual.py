@@ -7,7 +7,6 @@ import pytest
 from draws import seeds
 
 from rotary_error_monitor.cases.making import make_stage_case
-from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
@@ -54,7 +53,7 @@ def test_counts_that_are_lost_little_by_little_are_told():
         departure = case.truth.departure
         if not departure.mechanism.startswith("lost little by little"):
             continue
-        blocks = {samples_topic(stream): list(found) for stream, found in case.blocks.items()}
+        blocks = {stream: list(found) for stream, found in case.blocks.items()}
         recording = record_stage(blocks, sorted(case.twin.encoder.azimuths))
         causes = diagnose(StageProblem(case.twin, recording, EFFECTS)).causes
         named.append([each.cause.effect.name for each in causes] == ["head_missed_counts"])

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from rotary_error_monitor.cases.making import make_stage_case
-from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.gap.diagnosis import diagnose
@@ -31,8 +30,8 @@ def case_of(cause, seed):
 
 
 def diagnosed(case, samples):
-    topics = {samples_topic(stream): [block_from_samples(t, n, v)] for stream, (n, t, v) in samples.items()}
-    recording = record_stage(topics, sorted(case.twin.azimuths))
+    blocks = {stream: [block_from_samples(t, n, v)] for stream, (n, t, v) in samples.items()}
+    recording = record_stage(blocks, sorted(case.twin.azimuths))
     return diagnose(stage_problem(case.twin, recording, EFFECTS))
 
 

@@ -36,9 +36,8 @@ TILT = Withheld(tilt=((3, (2e-6, -1e-6), (1e-6, 2e-6)),))
 
 
 def diagnosed(streams, stage=STAGE):
-    topics = {samples_topic(name): blocks for name, blocks in blocks_of(streams).items()}
     without = () if stage.autocollimator is not None else ("autocollimator",)
-    recording = record_stage(topics, "abcd", without=without, listed=tuple(stage.sensors))
+    recording = record_stage(blocks_of(streams), "abcd", without=without, listed=tuple(stage.sensors))
     return diagnose(stage_problem(stage, recording, EFFECTS))
 
 
@@ -250,8 +249,8 @@ def test_a_recording_without_a_head_says_what_to_do(written, capsys):
 
 
 def test_residuals_of_a_probe_are_shown_in_micrometres():
-    topics = {samples_topic(name): blocks for name, blocks in blocks_of(recorded(0, AXIAL)).items()}
-    problem = stage_problem(STAGE, record_stage(topics, "abcd", listed=tuple(STAGE.sensors)), EFFECTS)
+    blocks = blocks_of(recorded(0, AXIAL))
+    problem = stage_problem(STAGE, record_stage(blocks, "abcd", listed=tuple(STAGE.sensors)), EFFECTS)
     over_rotation, over_time = problem.views(["/stage/axial_probe_top/samples.displacement"], ())
     assert over_rotation.unit == over_time.unit == "µm"
     axial, tilt = STAGE.spindle.axial[0], STAGE.spindle.tilt[0]
@@ -267,8 +266,7 @@ def test_what_a_stage_lists_is_of_no_matter_to_one_that_lists_nothing():
     bare = replace(STAGE, sensors={})
     sensors = {TOP: ListedSensor("axial_probe", 8e-9, 1e-9, 1e-4, 2e-7, place={"radius": 0.02})}
     streams = {name: stream for name, stream in recorded(0).items() if name not in STAGE.sensors}
-    topics = {samples_topic(name): blocks for name, blocks in blocks_of(streams).items()}
-    recording = record_stage(topics, "abcd")
+    recording = record_stage(blocks_of(streams), "abcd")
     plain = {effect.name for effect in stage_problem(bare, recording, EFFECTS).effects}
     listing = {effect.name for effect in stage_problem(replace(bare, sensors=sensors), recording, EFFECTS).effects}
     assert listing - plain == {"spindle_axial", "axial_growth", "probe_zero", "probe_gain", "probe_drift", "probe_form"}

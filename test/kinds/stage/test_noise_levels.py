@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from rotary_error_monitor.cases.making import make_stage_case
-from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
@@ -31,8 +30,8 @@ def stated(stage, factor):
 
 
 def problem_of(case, factor):
-    topics = {samples_topic(stream): list(blocks) for stream, blocks in case.blocks.items()}
-    recording = record_stage(topics, sorted(case.twin.encoder.azimuths))
+    blocks = {stream: list(found) for stream, found in case.blocks.items()}
+    recording = record_stage(blocks, sorted(case.twin.encoder.azimuths))
     return StageProblem(stated(case.twin, factor), recording, EFFECTS)
 
 

@@ -12,7 +12,6 @@ from scipy.interpolate import CubicHermiteSpline
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.cases.making import make_stage_case
-from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.gap.diagnosis import diagnose
@@ -81,8 +80,8 @@ def test_what_stays_at_rest_creeps_back():
 
 def diagnosed(seed, name, rough):
     case = make_stage_case(seed, "variant", [name], rough=rough)
-    topics = {samples_topic(stream): list(blocks) for stream, blocks in case.blocks.items()}
-    return diagnose(StageProblem(case.twin, record_stage(topics, sorted(case.twin.encoder.azimuths)), EFFECTS))
+    blocks = {stream: list(found) for stream, found in case.blocks.items()}
+    return diagnose(StageProblem(case.twin, record_stage(blocks, sorted(case.twin.encoder.azimuths)), EFFECTS))
 
 
 def test_play_that_is_no_jump_is_explained():

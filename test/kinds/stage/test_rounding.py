@@ -13,7 +13,7 @@ from functools import cache
 import numpy as np
 import pytest
 import yaml
-from described_stages import stage_of
+from described_stages import by_stream, stage_of
 from draws import ALL
 from world import Options, make_recording
 from world.recording import AUTOCOLLIMATOR, FORCE, LVDT, head_topic
@@ -113,7 +113,9 @@ def problem_of(seed, way, ratio, coarse, more=True):
         topics[topic] = [replace(block, rows=stepped(block.rows, step, way)) for block in blocks]
     stage = stage_of(section)
     without = () if stage.lvdt else ("lvdt",)
-    return stage_problem(stage, record_stage(topics, "abcd", without=without, listed=tuple(stage.listed)), EFFECTS)
+    return stage_problem(
+        stage, record_stage(by_stream(topics), "abcd", without=without, listed=tuple(stage.listed)), EFFECTS
+    )
 
 
 def stepped(rows, step, way):

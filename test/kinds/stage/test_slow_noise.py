@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from rotary_error_monitor.cases.making import make_stage_case
-from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.gap.diagnosis import diagnose
@@ -25,8 +24,8 @@ SEEDS = range(700, 708)
 
 
 def problem_of(case):
-    topics = {samples_topic(stream): list(blocks) for stream, blocks in case.blocks.items()}
-    return StageProblem(case.twin, record_stage(topics, sorted(case.twin.encoder.azimuths)), EFFECTS)
+    blocks = {stream: list(found) for stream, found in case.blocks.items()}
+    return StageProblem(case.twin, record_stage(blocks, sorted(case.twin.encoder.azimuths)), EFFECTS)
 
 
 def is_named(case, name):

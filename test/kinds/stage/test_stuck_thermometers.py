@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from described_stages import stage_of
+from described_stages import by_stream, stage_of
 from faults.documenting import Row, shows
 from kinds.stage.test_thermometers import EFFECTS, section
 from world import Options, make_recording
@@ -111,7 +111,7 @@ def test_a_stuck_thermometer_is_left_out_of_a_diagnosis_and_a_sound_one_is_not(s
                 for block in late
             ]
             topics[TOPIC] = [*topics[TOPIC][: len(topics[TOPIC]) // 3], *frozen]
-        recording = record_stage(topics, "abcd", without=("lvdt",), listed=tuple(stage.listed))
+        recording = record_stage(by_stream(topics), "abcd", without=("lvdt",), listed=tuple(stage.listed))
         problem = stage_problem(stage, recording, EFFECTS)
         assert set(problem.stage.thermometers) == ({"housing"} if stuck else {"bearing", "housing"})
         assert any(f"{NAME}: stuck at" in remark for remark in problem.recording.remarks) == stuck

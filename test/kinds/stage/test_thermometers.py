@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from described_stages import stage_of
+from described_stages import by_stream, stage_of
 from world import Options, make_recording
 
 from rotary_error_monitor.bags.writer import write_messages
@@ -57,7 +57,9 @@ def problem_of(recording, places=PLACES):
     stage = stage_of(section(places))
     gone = [f"/stage/thermometer_{place}/samples" for place in PLACES if place not in places]
     topics = {topic: blocks for topic, blocks in recording.blocks.items() if topic not in gone}
-    return stage_problem(stage, record_stage(topics, "abcd", without=("lvdt",), listed=tuple(stage.listed)), EFFECTS)
+    return stage_problem(
+        stage, record_stage(by_stream(topics), "abcd", without=("lvdt",), listed=tuple(stage.listed)), EFFECTS
+    )
 
 
 def drifts_named(diagnosis, least):
@@ -168,7 +170,9 @@ def test_a_thermometer_of_no_use_is_left_out_and_said(change, told):
     topics = dict(recorded(1, {}, 12.0).blocks)
     change(topics, "/stage/thermometer_bearing/samples")
     stage = stage_of(section())
-    problem = stage_problem(stage, record_stage(topics, "abcd", without=("lvdt",), listed=tuple(stage.listed)), EFFECTS)
+    problem = stage_problem(
+        stage, record_stage(by_stream(topics), "abcd", without=("lvdt",), listed=tuple(stage.listed)), EFFECTS
+    )
     assert set(problem.stage.thermometers) == {"housing"} == set(problem.twin.inputs.warmings)
     assert any(re.search(f"thermometer_bearing.*{told}", remark) for remark in problem.recording.remarks)
 

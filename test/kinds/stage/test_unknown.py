@@ -11,7 +11,6 @@ from draws import seeds
 from rotary_error_monitor.cases.draws import stage_faults
 from rotary_error_monitor.cases.faults import make_fault
 from rotary_error_monitor.cases.making import make_stage_case
-from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.gap.diagnosis import diagnose
@@ -182,8 +181,8 @@ def slipped_near_reversal(seed, time):
     slip = make_fault("disc_slip", "", time=time, step=draw.choice([-1, 1]) * draw.uniform(1e-6, 4e-6))
     plant, end = replace(case.plant, faults=(slip,)), round(20.0 * NANOSECONDS)
     blocks = {stream: [plant.samples(stream, 0, plant.clocks[stream].index_at(end))] for stream in plant.streams}
-    topics = {samples_topic(stream): list(each) for stream, each in blocks.items()}
-    return StageProblem(case.twin, record_stage(topics, sorted(case.twin.encoder.azimuths)), EFFECTS), slip.step
+    streams = {stream: list(each) for stream, each in blocks.items()}
+    return StageProblem(case.twin, record_stage(streams, sorted(case.twin.encoder.azimuths)), EFFECTS), slip.step
 
 
 def test_a_lag_of_the_rotor_lies_in_the_rotation(stage_problem):

@@ -11,7 +11,6 @@ from draws import seeds
 from rotary_error_monitor.blind_check.cases import write_case
 from rotary_error_monitor.cases.making import make_stage_case
 from rotary_error_monitor.cli import main
-from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.errors import InputError
@@ -32,8 +31,8 @@ def blind(case):
 
 
 def diagnosed(case):
-    topics = {samples_topic(name): list(blocks) for name, blocks in case.blocks.items()}
-    recording = record_stage(topics, "abcd", without=("autocollimator",))
+    blocks = {name: list(found) for name, found in case.blocks.items()}
+    recording = record_stage(blocks, "abcd", without=("autocollimator",))
     assert "autocollimator" not in recording.sensors
     return diagnose(StageProblem(case.twin, recording, EFFECTS))
 
@@ -74,9 +73,9 @@ def test_from_file_to_file(tmp_path, capsys):
 
 def test_a_stage_with_an_autocollimator_still_needs_its_stream():
     case = make_stage_case(9300, "null")
-    topics = {samples_topic(name): list(blocks) for name, blocks in case.blocks.items() if name != "autocollimator"}
+    blocks = {name: list(found) for name, found in case.blocks.items() if name != "autocollimator"}
     with pytest.raises(InputError, match="the recording lacks /stage/autocollimator/samples"):
-        record_stage(topics, "abcd")
+        record_stage(blocks, "abcd")
     assert np.isfinite(case.twin.tilt_instrument.noise)
     with pytest.raises(InputError, match="the stage has no section 'autocollimator'"):
         _ = blind(case).twin.tilt_instrument

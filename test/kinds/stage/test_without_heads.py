@@ -27,8 +27,7 @@ RADIAL = Withheld(radial=((3, (2e-7, -1e-7), (1e-7, 2e-7)),))
 
 
 def recording_of(streams):
-    topics = {samples_topic(name): blocks for name, blocks in blocks_of(streams).items()}
-    return record_stage(topics, (), without=absent_kinds(STAGE), listed=tuple(STAGE.sensors))
+    return record_stage(blocks_of(streams), (), without=absent_kinds(STAGE), listed=tuple(STAGE.sensors))
 
 
 def diagnosed(streams):
