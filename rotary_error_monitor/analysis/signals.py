@@ -177,6 +177,8 @@ def signals_of(
     """
     unresolved = 0.5 * part.unresolved**2  # of a turning vector each component has half of the square
     assembly = AssemblyVariance.of(stage)
+    late = 0.5 * (stage.timing("autocollimator") * np.hypot(*stage.mirror.tilt) * speed) ** 2
+    mirror = assembly.mirror + unresolved[:, 1] + late
     nothing = np.zeros(len(part))
     if known.seen[[0, 1]].all():
         still = _stamps_apart(part, speed, stage, assembly)
@@ -185,10 +187,10 @@ def signals_of(
                 continue
             moved, spread = radial_at(part.error_motion, part.covariance, height)
             lever = height**2
-            turning = assembly.eccentricity + unresolved[:, 0] + lever * (assembly.mirror + unresolved[:, 1])
+            turning = assembly.eccentricity + unresolved[:, 0] + lever * mirror
             shape = assembly.graduation + lever * assembly.flatness
             yield from _radial(moved, spread, part.theta, turning, still, shape, height)
-    yield from _tilt(part, assembly.mirror + unresolved[:, 1], known, stage, assembly)
+    yield from _tilt(part, mirror, known, stage, assembly)
     if known.seen[2]:
         axial, variance = part.error_motion[:, 2], part.covariance[:, 2, 2]
         yield Signal(AXIAL, "z", None, axial, variance, nothing, nothing, 0.0)

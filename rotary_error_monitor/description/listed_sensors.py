@@ -30,7 +30,8 @@ class ListedSensor:
         noise: standard deviation of a reading before rounding, in `unit`.
         resolution: step of a reading, in `unit`.
         range: half of the measuring range, in `unit`.
-        uncertainty: standard uncertainty of `zero` and `form`, in `unit`.
+        uncertainty: standard uncertainty of `zero` and `form`, in `unit`; of `form` alone where the stage states one of
+            the zero.
         zero: reading of a perfect axis and target, in `unit`: of all fields alike, or one for each.
         gain: reading per displacement; negative for a sensor that counts the other way.
         place: numbers of its kind by name, such as `azimuth` (rad) and `height` (m).

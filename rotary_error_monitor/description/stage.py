@@ -152,10 +152,17 @@ class StageDescription:
     def timing(self, what: str) -> float:
         """Standard uncertainty of the stamps of `what` (encoder: of its heads; command; sensors.top) against others, s.
 
-        Of a listed sensor it is that of its latency, 0 where the file states none, as all else of such a sensor.
+        Of autocollimator and listed sensors it is that of their latency, 0 where the file states none.
         """
         name = f"{what}.timing"
         return self.uncertainty.get(name, TIMING if name in TIMINGS else 0.0)
+
+    def zero_uncertainty(self, stream: str) -> float | None:
+        """Standard uncertainty of each zero of a listed sensor, in its unit; None where the file states none of it.
+
+        Then that of the sensor is of zero and form, and else of the form alone.
+        """
+        return self.uncertainty.get(f"sensors.{name_of(stream, self.listed[stream])}.zero")
 
     @property
     def limits(self) -> StageLimits:

@@ -228,9 +228,10 @@ class StageSection(Section):
     uncertainty: Annotated[
         Mapping[Uncertain, NotNegative],
         Expected(
-            "standard uncertainty of parameters by name, such as encoder.eccentricity: 5.0e-08 or sensors.top.gain: "
-            "0.01; of stamps in s: encoder.timing (of heads against one another) and command.timing, 2.0e-06 each "
-            "unless stated, and sensors.top.timing; environment.thermometer, of its zero in K, unless stated "
+            "standard uncertainty of parameters by name, such as encoder.eccentricity: 5.0e-08, sensors.top.gain: "
+            "0.01 or sensors.top.zero, beside which that of the sensor is of its form alone; of stamps in s: "
+            "encoder.timing (of heads against one another) and command.timing, 2.0e-06 each unless stated, "
+            "autocollimator.timing and sensors.top.timing; environment.thermometer, of its zero in K, unless stated "
             "that of class B of IEC 60751"
         ),
     ] = field(default_factory=dict)
@@ -291,7 +292,7 @@ def _names(part: type[Any], *more: str, without: Sequence[str] = ()) -> tuple[st
 PARAMETERS: Mapping[str, tuple[str, ...]] = {
     "encoder": _names(Encoder, "azimuth", "timing", without=("azimuths", "graduation_table")),
     "mirror": _names(Mirror, without=("flatness_table",)),
-    "autocollimator": _names(Autocollimator, *RESPONSES, *DISTORTIONS, without=("turbulence",)),
+    "autocollimator": _names(Autocollimator, *RESPONSES, *DISTORTIONS, "timing", without=("turbulence",)),
     "spindle": _names(Spindle),
     "lvdt": _names(Lvdt, *RESPONSES),
     "command": ("timing",),
@@ -371,4 +372,4 @@ def _parameters(section: StageSection, part: str) -> tuple[str, ...]:
     if head != "sensors":
         return PARAMETERS.get(part, ())
     sensor = section.sensors.get(listed)
-    return () if sensor is None or sensor.is_input else ("gain", *listed_sensor(sensor).place, "timing")
+    return () if sensor is None or sensor.is_input else ("gain", *listed_sensor(sensor).place, "zero", "timing")

@@ -27,6 +27,7 @@ from rotary_error_monitor.pipeline.estimator_settings import EstimatorSettings a
 from rotary_error_monitor.pipeline.estimator_settings import EstimatorStatus as EstimatorStatus
 from rotary_error_monitor.pipeline.evidence import INDEX as EVIDENCE
 from rotary_error_monitor.pipeline.evidence import WINDOW_NS, Evidence
+from rotary_error_monitor.pipeline.late_tilt import LateTilt
 from rotary_error_monitor.pipeline.listed_sensors import ListedSensors
 from rotary_error_monitor.pipeline.publication import Believed, Decisions, Publication
 from rotary_error_monitor.pipeline.repetition import Repetition
@@ -88,6 +89,7 @@ class Estimator:
         self._described = DescribedReadings(stage, self._streams, self._bits, self._ticks.layout, period_ns)
         self._joined_ns = self._settings.max_gap_ns if decisions is None else LONGEST_GAP_NS
         self._publication = Publication(stage, self._bits)
+        self._late_tilt = LateTilt(stage, {name: self._bits[name] for name in self._heads})
         self.belief = Belief(
             stage, self._heads, self._bits, self._streams, period_ns, limit, self._settings.check_turns
         )
@@ -350,6 +352,7 @@ class Estimator:
             if place < done:
                 believed.repeat(place, decision)
         whole = slice(done)
+        late = self._late_tilt.variance(ticks, motion.theta, evidence.values, self._streams, used, done)
         motion, publish = self._publication.finish(
             ticks[whole],
             motion if done == len(ticks) else motion.at(whole),
@@ -358,13 +361,14 @@ class Estimator:
             disagreement[whole],
             redundancy[whole],
             believed,
+            late,
         )
         known_by = evidence.values[:done]
         seen = (known_by[:, EVIDENCE["heads"]] > 0.0) | (known_by[:, EVIDENCE["commanded"]] > 0.0)
         if self._listed is not None:
             known = {name: each.at(np.arange(done)) for name, each in sampled.items()}
             said = {at: (each.sensor_scale, each.sensor_conflict) for at, each in decided.items() if at < done}
-            motion = self._listed.complete(first, motion, publish & seen, known, rates, said, evidence.values[:done])
+            motion = self._listed.complete(first, motion, publish & seen, known, rates, said, known_by, late)
         if self._repetition is None:
             self.status.unobservable += int((~seen).sum())
         else:

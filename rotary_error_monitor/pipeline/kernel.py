@@ -219,8 +219,8 @@ class Kernel:
         Args:
             stated: variances and limits of the stage.
             motion: whose four first arrays are changed in place.
-            inputs: evidence (m, l), disagreement (m,), bounds by redundancy, variance by distortion (m, 2) or None, and
-                redundancy (m,).
+            inputs: evidence (m, l), disagreement (m,), bounds by redundancy, variance of the tilt by distortion and
+                latency (m, 2) or None, and redundancy (m,).
             believed: (m, 15) and (m, 3) as of `Believed`, of which the latter is changed in place.
             streams: (m,) masks that are used, changed in place.
         """

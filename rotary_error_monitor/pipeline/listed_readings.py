@@ -129,7 +129,9 @@ class ListedReadings:
         most = np.array([*limits.components[:5], 0.0])
         rate = [limits.radial_rate, limits.radial_rate, limits.axial_rate, limits.tilt_rate, limits.tilt_rate, 0.0]
         self._most, self._rate = np.abs(self.sensitivity) * LIMIT * most, np.abs(self.sensitivity) * np.array(rate)
+        zeros = [stage.zero_uncertainty(field.stream) or 0.0 for field in self.fields]
         self.stated = np.array([field.sensor.uncertainty**2 for field in self.fields])
+        self.stated += [(zero / field.sensor.gain) ** 2 for zero, field in zip(zeros, self.fields, strict=True)]
         forms = [field.kind.forms(field.sensor)[field.place] for field in self.fields]
         air = stage.autocollimator.turbulence if stage.autocollimator else None
         # what is held against a field that sees tilt alone is the autocollimator's, not a small part of it by a lever
@@ -145,6 +147,7 @@ class ListedReadings:
         there: NDArray[np.bool_],
         sampled: Mapping[str, Resampled],
         rates: Mapping[str, float],
+        late_tilt: Array | None = None,
     ) -> ListedTicks:
         """What the sensors show at m ticks.
 
@@ -154,6 +157,7 @@ class ListedReadings:
             there: (m, p) which readings can be used.
             sampled: each stream at the ticks.
             rates: samples per s of each stream.
+            late_tilt: (m, 2) variance of the tilt by when the autocollimator read it, rad², where that is uncertain.
         """
         described = described_error_motion(self._spindle, motion.theta)
         expected = np.where(motion.observable, motion.components, described)
@@ -167,6 +171,8 @@ class ListedReadings:
         by_heads = _summed(by_noise[:, :2], self.sensitivity[:, :2] ** 2)
         by_tilt = _summed(by_noise[:, 3:5], self.sensitivity[:, 3:5] ** 2)
         air = _summed(seen_too[:, 3:5] * self._air, self._through_air)
+        late_variance = np.zeros((1, 2)) if late_tilt is None else late_tilt
+        by_late_tilt = _summed(seen_too[:, 3:5] * late_variance, self.sensitivity[:, 3:5] ** 2)
         raised = np.maximum(motion.head_scale**2 - 1.0, 0.0)
         return ListedTicks(
             motion.theta,
@@ -182,7 +188,7 @@ class ListedReadings:
             self.stated + elsewhere[:, None] * self._forms,
             noise + noisy,
             np.maximum(self._known(motion.covariance) - noisy, 0.0) + turned**2 + air + late**2,
-            np.sqrt(raised[:, None] * by_heads + air + late**2),
+            np.sqrt(raised[:, None] * by_heads + by_late_tilt + air + late**2),
             _summed(alone, self._most),
             _summed(alone, self._rate),
             turned,

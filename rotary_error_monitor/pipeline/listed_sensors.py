@@ -81,6 +81,7 @@ class ListedSensors:
         rates: Mapping[str, float],
         decided: Mapping[int, tuple[float, float]],
         evidence: Array,
+        late_tilt: Array | None = None,
     ) -> ErrorMotion:
         """Error motion with what the listed sensors show, and what of them was used.
 
@@ -93,9 +94,10 @@ class ListedSensors:
             decided: for ticks, by their place, whose choice of streams is that of a live run, its `sensor_scale` and
                 `sensor_conflict`.
             evidence: (m, e) what the ticks say, columns as in `pipeline.evidence`.
+            late_tilt: (m, 2) variance of the tilt by when the autocollimator read it, rad², where that is uncertain.
         """
         there = (motion.streams[:, None] & self._bits != 0) & usable[:, None]
-        shown = self._readings.make(motion, evidence, there, sampled, rates)
+        shown = self._readings.make(motion, evidence, there, sampled, rates, late_tilt)
         used, scale, conflict = self._assess(first, shown, rates)
         for place, said in decided.items():
             used[place], (scale[place], conflict[place]) = there[place], said

@@ -157,19 +157,22 @@ class Publication:
         disagreement: NDArray[np.float64],
         redundancy: NDArray[np.int64],
         believed: Believed,
+        late: NDArray[np.float64] | None = None,
     ) -> tuple[ErrorMotion, NDArray[np.bool_]]:
         """Error motion at ticks (ns) completed, from the `streams` that are used, and which of it may go out (m,).
 
-        Its four first arrays are those of `motion`, changed in place.
+        Its four first arrays are those of `motion`, changed in place. `late` is the variance (m, 2) of the tilt, rad²,
+        by when the autocollimator read it.
         """
         kernel, streams = chosen_kernel(), np.array(streams)
-        publish = None
+        publish, beside = None, self._assembly.by_distortion(*(evidence[:, place] for place in TILT))
+        if late is not None:
+            beside = late if beside is None else beside + late
         if kernel is not None:
-            distorted = self._assembly.by_distortion(*(evidence[:, place] for place in TILT))
-            inputs = (evidence, disagreement, _bounds(int(redundancy.max(initial=0))), distorted, redundancy)
+            inputs = (evidence, disagreement, _bounds(int(redundancy.max(initial=0))), beside, redundancy)
             publish = kernel.publish(self._stated, motion, inputs, (believed.reals, believed.integers), streams)
         if publish is None:
-            streams, publish = self._finish(motion, evidence, streams, disagreement, redundancy, believed)
+            streams, publish = self._finish(motion, evidence, streams, disagreement, redundancy, believed, beside)
         said = {name: getattr(believed, name) for name in ("doubts", *_UNCERTAIN)}
         return motion.said_of(ticks, streams, said), publish
 
@@ -181,6 +184,7 @@ class Publication:
         disagreement: NDArray[np.float64],
         redundancy: NDArray[np.int64],
         believed: Believed,
+        beside: NDArray[np.float64] | None,
     ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
         """Streams that are used, and which ticks may go out."""
         seen = {name: evidence[:, place] for name, place in INDEX.items()}
@@ -191,7 +195,7 @@ class Publication:
         unsettled = (redundancy == 0) & (streams & self._heads & ~believed.settled != 0)
         believed.doubts[unsettled] |= 1 << DOUBTS.index("unverified")
         near = believed.within("radial", seen["surplus_x"], seen["surplus_y"])
-        self._raise_uncertainty(motion, seen, disagreement, redundancy, believed)
+        self._raise_uncertainty(motion, seen, disagreement, redundancy, believed, beside)
         radial = np.hypot(seen["surplus_x"] + seen["described_x"], seen["surplus_y"] + seen["described_y"])
         ring = believed.has("ring") | (radial > self._most + SIGMAS * np.sqrt(seen["radial_variance"]))
         tilt = streams & self._bits["autocollimator"] == 0
@@ -212,6 +216,7 @@ class Publication:
         disagreement: NDArray[np.float64],
         redundancy: NDArray[np.int64],
         believed: Believed,
+        beside: NDArray[np.float64] | None,
     ) -> None:
         """What the heads contradict one another, at the tick or before, and what could go unseen, count as well."""
         bounds = _bounds(int(redundancy.max(initial=0)))
@@ -227,11 +232,14 @@ class Publication:
         tilt = self._assembly.tilt + 0.5 * believed.unresolved_tilt**2
         tilt += np.where(believed.has("unverified_tilt"), self._unproven["tilt"], 0.0)
         x, y = seen["tilt_x"], seen["tilt_y"]
+        about_x, about_y = self._assembly.linear(x, y), self._assembly.linear(y, x)
+        if beside is not None:
+            about_x, about_y = about_x + beside[:, 0], about_y + beside[:, 1]
         for place, added in (
             (0, step + radial),
             (1, step + radial),
-            (3, tilt + self._assembly.tilt_by_reading(x, y, 0)),
-            (4, tilt + self._assembly.tilt_by_reading(y, x, 1)),
+            (3, tilt + about_x),
+            (4, tilt + about_y),
             (5, (step + head) / self._radius**2 + believed.lag**2 + self._rounding),
         ):
             if place not in _BY_HEADS:
@@ -295,18 +303,21 @@ class AssemblyVariance:
         """To the tilt, all in all, beside what goes with the reading."""
         return self.mirror + self.flatness + self.zero
 
-    def tilt_by_reading(
-        self, along: NDArray[np.float64], across: NDArray[np.float64], axis: int | None = None
-    ) -> NDArray[np.float64]:
-        """(m,) to the tilt about an axis (0 x, 1 y), from what the autocollimator reads of it and of the other, rad.
+    def linear(self, along: NDArray[np.float64], across: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(m,) what of `tilt_by_reading` is due to gain and roll."""
+        return self.gain * along**2 + self.roll * across**2
 
-        Without an axis the larger one of both.
+    def tilt_by_reading(self, along: NDArray[np.float64], across: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(m,) to the tilt about an axis, from what the autocollimator reads of it and of the other, rad.
+
+        Of x and y the larger one.
         """
-        linear = self.gain * along**2 + self.roll * across**2
+        linear = self.linear(along, across)
         if not self.is_distorted:
             return linear
-        rolls = [sign * self.roll_angle for sign in ((1, -1) if axis is None else ((1, -1)[axis],))]
-        found = [distortion_variance(roll, self.distortion, along, across) for roll in rolls]
+        found = [
+            distortion_variance(roll, self.distortion, along, across) for roll in (self.roll_angle, -self.roll_angle)
+        ]
         return np.asarray(linear + np.max(found, axis=0))
 
     @cached_property

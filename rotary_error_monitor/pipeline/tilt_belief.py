@@ -59,7 +59,8 @@ class TiltBelief:
         self._equal_run = run_by_chance(self._instrument.noise, self._instrument.resolution, components=2)
         self._noise = noise = math.hypot(self._instrument.noise, self._instrument.resolution / math.sqrt(12.0))
         stated = stage.uncertainty.get("mirror.tilt")
-        claim = None if stated is None else Claim(stated, departure(stage.spindle.tilt))
+        late = stage.timing("autocollimator") * stage.limits.speed * math.hypot(*stage.mirror.tilt)
+        claim = None if stated is None else Claim(stated, math.hypot(departure(stage.spindle.tilt), late))
         mirror = "tilt of the mirror on the rotor, rad,"
         self.figure = FigureCheck({**MIRRORED, **DARK}, noise, 0.5 * stage.limits.tilt, mirror, claim=claim)
         self.reset()

@@ -63,7 +63,7 @@ def uncertain_parameters(stage: StageDescription) -> tuple[UncertainParameter, .
     found += _of_curves(stage)
     for stream, sensor in stage.sensors.items():
         if sensor.uncertainty:
-            found += _zero_and_form(stream, sensor)
+            found += _zero_and_form(stage, stream, sensor)
     return tuple(found)
 
 
@@ -149,11 +149,16 @@ def _of_response(stage: StageDescription, name: str, uncertainty: float) -> list
 
 
 def _of_listed(stage: StageDescription, name: str, uncertainty: float) -> list[UncertainParameter]:
-    """Gain of a listed sensor, or a number that says where it stands, such as `sensors.top.height`."""
+    """Gain or zeros of a listed sensor, or a number that says where it stands, such as `sensors.top.height`."""
     _, listed, key = name.split(".")
     stream = next((s for s, sensor in stage.sensors.items() if name_of(s, sensor) == listed), None)
-    if stream is None or (key != "gain" and key not in stage.sensors[stream].place):
+    if stream is None or key not in ("gain", "zero", *stage.sensors[stream].place):
         raise _unknown(name)
+    if key == "zero":
+        zeros = _zeros(stage.sensors[stream]).items()
+        return [
+            UncertainParameter(name + which, uncertainty, (stream,), _sensor_shifter(stream, z)) for which, z in zeros
+        ]
 
     def moved(sensor: ListedSensor, by: float) -> ListedSensor:
         if key == "gain":
@@ -163,24 +168,37 @@ def _of_listed(stage: StageDescription, name: str, uncertainty: float) -> list[U
     return [UncertainParameter(name, uncertainty, (stream,), _sensor_shifter(stream, moved))]
 
 
-def _zero_and_form(stream: str, sensor: ListedSensor) -> list[UncertainParameter]:
-    """Zero of each field of a listed sensor, and what its target shows in the orders that are stated and in the first.
-
-    The first is how well the target is centred or square, which no mounting makes zero.
-    """
+def _zeros(sensor: ListedSensor) -> dict[str, Callable[[ListedSensor, float], ListedSensor]]:
+    """Of each field the sensor with another zero; of two fields the axes are those of the stage, as in the file."""
 
     def zero(axis: int, sensor: ListedSensor, by: float) -> ListedSensor:
         return sensor.shifted([by * (axis == each) for each in range(len(sensor.fields))])
+
+    return {_axis(sensor, axis): partial(zero, axis) for axis in range(len(sensor.fields))}
+
+
+def _axis(sensor: ListedSensor, axis: int) -> str:
+    """What names a field among several."""
+    return f"[{short_names(sensor.fields)[axis]}]" if len(sensor.fields) > 1 else ""
+
+
+def _zero_and_form(stage: StageDescription, stream: str, sensor: ListedSensor) -> list[UncertainParameter]:
+    """Zero of each field of a listed sensor, unless it is stated by itself, and what its target shows of itself.
+
+    That is in the orders that are stated and in the first: how well the target is centred or square, which no mounting
+    makes zero.
+    """
 
     def form(axis: int, order: int, part: int, sensor: ListedSensor, by: float) -> ListedSensor:
         return replace(sensor, form=(*sensor.form, _form_row(len(sensor.fields), axis, order, part, by)))
 
     label, axes = f"sensors.{name_of(stream, sensor)}", len(sensor.fields)
     moved: dict[str, Callable[[ListedSensor, float], ListedSensor]] = {}
+    zeros = _zeros(sensor) if stage.zero_uncertainty(stream) is None else {}
     for axis in range(axes):
-        # of two fields the axes are those of the stage, as in the file
-        which = f"[{short_names(sensor.fields)[axis]}]" if axes > 1 else ""
-        moved[f"{label}.zero{which}"] = partial(zero, axis)
+        which = _axis(sensor, axis)
+        if which in zeros:
+            moved[f"{label}.zero{which}"] = zeros[which]
         for order in sorted({1, *(row.order for row in sensor.form)} - {0}) if sensor.may_have_form else ():
             for part, name in enumerate(("cos", "sin")):
                 moved[f"{label}.form[order {order}]{which}[{name}]"] = partial(form, axis, order, part)

@@ -52,7 +52,7 @@ def test_what_the_file_names_is_uncertain(tmp_path):
         ("encoder.excentricity: 1.0e-08", "encoder has no 'excentricity'; expected one of disc_radius, .*eccentricity"),
         ("spindle.wobble: 1.0e-08", "spindle has no 'wobble'; expected one of radial, tilt, radial_c"),
         ("sensors.low.radius: 1.0e-08", "sensors.low has no 'radius'; expected one of gain, azimuth, height"),
-        ("sensors.low.zero: 1.0e-08", "sensors.low has no 'zero'"),
+        ("sensors.low.form: 1.0e-08", "sensors.low has no 'form'"),
         ("sensors.topp.gain: 0.01", "there is no part 'sensors.topp'; expected one of encoder, .*sensors.low"),
         ("command.eccentricity: 1.0e-08", "command has no 'eccentricity'; expected one of timing"),
     ],
@@ -94,10 +94,10 @@ def test_each_name_that_is_accepted_is_one_that_the_twin_knows():
         sensors={"axial_probe_top": ListedSensor("axial_probe", 1e-8, 1e-9, 1e-4, 0.0, place={"radius": 0.1})},
     )
     names = [f"{part}.{name}" for part, known in PARAMETERS.items() for name in known]
-    for name in [*names, "sensors.top.gain", "sensors.top.radius"]:
+    for name in [*names, "sensors.top.gain", "sensors.top.zero", "sensors.top.radius"]:
         found = uncertain_parameters(replace(stage, uncertainty={name: 1e-9}))
         assert all(parameter.shifted(stage, 1e-9) != stage for parameter in found), name
-    for name in ("encoder.mass", "sensors.top.zero", "sensors.high.gain"):
+    for name in ("encoder.mass", "sensors.top.zeros", "sensors.high.zero"):
         with pytest.raises(InputError, match=f"no parameter is called '{name}'"):
             uncertain_parameters(replace(stage, uncertainty={name: 1e-9}))
 
