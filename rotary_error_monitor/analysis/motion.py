@@ -9,14 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.analysis.hidden_orders import HiddenOrders
 from rotary_error_monitor.analysis.runs import Segment, segments_of
 from rotary_error_monitor.analysis.segment_turns import SegmentTurns
 from rotary_error_monitor.analysis.signals import RADIAL, ROTATING, LongEstimates, SignalName
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.metrology.circles import CENTRES, Centre, find_centre
-from rotary_error_monitor.metrology.encoder_heads import HeadLayout
-from rotary_error_monitor.metrology.order_spectrum import OrderSpectrum, estimate_orders, orders_like_radial
+from rotary_error_monitor.metrology.order_spectrum import OrderSpectrum, estimate_orders
 from rotary_error_monitor.metrology.spindle_figures import SignalNoise, Value, estimate_values, mean_noise
 from rotary_error_monitor.metrology.turns import MOST_WAVES, SAMPLES_A_WAVE, TurnProfiles
 from rotary_error_monitor.signals.rows import Keep, RowsInMemory
@@ -116,16 +116,16 @@ def analyse_motion(
     """
     segments = segments_of(estimates)
     whole = sum(segment.turned for segment in segments)
-    found, done = [], 0.0
+    found, done, hidden = [], 0.0, HiddenOrders(stage)
     for segment in segments:
         waves = int(min(most_waves, rate * TURN / abs(segment.speed) / SAMPLES_A_WAVE))
-        found.append(_figures_of(segment, SegmentTurns(segment, estimates, stage, heights, waves, keep), stage))
+        found.append(_figures_of(segment, SegmentTurns(segment, estimates, stage, heights, waves, keep), hidden))
         done += segment.turned
         progress(done / whole)
     return tuple(found)
 
 
-def _figures_of(segment: Segment, cut: SegmentTurns, stage: StageDescription) -> SegmentFigures:
+def _figures_of(segment: Segment, cut: SegmentTurns, hidden: HiddenOrders) -> SegmentFigures:
     figures: list[SignalFigures] = []
     remarks: list[str] = []
     shown: TurnProfiles | None = None
@@ -136,9 +136,8 @@ def _figures_of(segment: Segment, cut: SegmentTurns, stage: StageDescription) ->
         if turns is None or not turns.count:
             continue
         shown = turns
-        hidden = _hidden(stage, turns.cut_off) if group.quantity == RADIAL else ()
         for number, signal in enumerate(group.signals):
-            figures.append(_figures(signal, turns, number, group.noise[number], hidden))
+            figures.append(_figures(signal, turns, number, group.noise[number], hidden.of(signal, turns.cut_off)))
         if not cut.is_proven:
             remarks.append(f"{group.quantity}: {_UNPROVEN}")
     return SegmentFigures(
@@ -173,11 +172,6 @@ def _lacking(turns: TurnProfiles | None) -> Iterator[str]:
         yield "one whole turn: what comes again in each turn is not told from what does not, no asynchronous value"
     if count and turns.incomplete:
         yield f"{turns.incomplete} whole turns in which samples are missing are left out"
-
-
-def _hidden(stage: StageDescription, highest: int) -> tuple[int, ...]:
-    azimuths = tuple(stage.azimuths.values())
-    return orders_like_radial(HeadLayout(azimuths), highest) if azimuths else ()
 
 
 def _figures(

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.metrology.encoder_heads import LEAK, HeadLayout
 from rotary_error_monitor.metrology.spindle_figures import SignalNoise, TurnSpectrum
 from rotary_error_monitor.metrology.turns import TurnProfiles
 
@@ -28,7 +26,7 @@ class OrderSpectrum:
         orders: (l,) 1, 2, … up to the cut-off of the filter, which is taken out of the amplitudes again.
         amplitude: (l,) in the signal's unit.
         uncertainty: (l,) its standard uncertainty; an amplitude below twice of it may be noise.
-        hidden: orders at which a graduation error that nobody calibrated looks the same.
+        hidden: orders at which a form error that nobody calibrated looks the same.
     """
 
     orders: NDArray[np.int64]
@@ -46,7 +44,7 @@ def estimate_orders(
         turns: profiles of whole turns.
         signal: number of the signal among them.
         noise: of the signal, by the covariance of the estimate; what is the same in each turn lies at hidden orders.
-        hidden: orders at which a graduation error passes for this signal.
+        hidden: orders at which a form error passes for this signal.
     """
     if turns.count == 0:
         return None
@@ -62,10 +60,3 @@ def estimate_orders(
     known = tuple(order for order in hidden if order <= turns.cut_off)
     square[np.array(known, np.intp) - 1] += 2 * noise.shape**2
     return OrderSpectrum(orders, np.abs(mean) / through, np.sqrt(square), known)
-
-
-@lru_cache(maxsize=64)
-def orders_like_radial(layout: HeadLayout, highest: int) -> tuple[int, ...]:
-    """Orders of the graduation, up to `highest`, that pass for radial error motion and that no head contradicts."""
-    views = layout.graduation_view(range(1, highest + 1))
-    return tuple(view.order for view in views if view.seen < LEAK and view.as_radial > LEAK)

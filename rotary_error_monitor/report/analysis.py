@@ -60,8 +60,9 @@ _TERMS = {
     "spread, and of the correction for what noise adds to a largest value, which is taken off",
     "bandwidth": "what is faster is filtered: half of the amplitude is left at that many waves a turn (Gaussian, ISO "
     "16610-21)",
-    "hidden orders": "hatched bars: a graduation error of that order, if the ring has one that nobody calibrated, "
-    "passes for radial error motion: the heads stand so that none contradicts",
+    "hidden orders": "hatched bars: an error of that order in the form of what the sensors look at, if it has one that "
+    "nobody calibrated, passes for error motion: of the ring's graduation, or of the target of displacement probes and "
+    "tilt sensors. They stand so that none contradicts",
     "jitter of stamps": "standard deviation of the timestamps from even distances",
     "late": "time from the newest sample of a block to its arrival at the recorder",
 }

@@ -116,8 +116,10 @@ def _orders(segment: SegmentFigures, signals: Sequence[SignalFigures]) -> Sketch
     )
     width = 0.8 / len(signals)
     least, highest = [], 0.0
+    hatched = next((signal for signal in signals if signal.spectrum is not None and signal.spectrum.hidden), None)
     for number, signal in enumerate(signals):
-        _draw_bars(ax, signal, number, (number - (len(signals) - 1) / 2) * width, width)
+        name = _HIDDEN if signal is hatched else None
+        _draw_bars(ax, signal, number, (number - (len(signals) - 1) / 2) * width, width, name)
         assert signal.spectrum is not None
         highest = max(highest, 1e6 * float(signal.spectrum.amplitude.max()))
         least.append(2e6 * float(signal.spectrum.uncertainty[signal.spectrum.orders <= _MOST_ORDERS].min()))
@@ -131,8 +133,8 @@ def _orders(segment: SegmentFigures, signals: Sequence[SignalFigures]) -> Sketch
     return Sketch(figure, f"Order spectrum, {segment.name}, {signals[0].quantity}{place}: {_peaks(signals, unit)}")
 
 
-def _draw_bars(ax: Axes, signal: SignalFigures, number: int, shift: float, width: float) -> None:
-    """Amplitudes of one direction, hollow where graduation passes for them, and their uncertainty as a line."""
+def _draw_bars(ax: Axes, signal: SignalFigures, number: int, shift: float, width: float, name: str | None) -> None:
+    """Amplitudes of one direction, hollow (called `name`) where a form error passes for them, and their uncertainty."""
     spectrum = signal.spectrum
     assert spectrum is not None
     shown = spectrum.orders <= _MOST_ORDERS
@@ -141,7 +143,6 @@ def _draw_bars(ax: Axes, signal: SignalFigures, number: int, shift: float, width
     told = colour(number)
     draw_bars(ax, orders[~hidden] + shift, amplitudes[~hidden], width, facecolor=told, lw=0, label=signal.direction)
     if hidden.any():
-        name = _HIDDEN if number == 0 else None
         style: dict[str, Any] = {"facecolor": "white", "edgecolor": told, "hatch": "////", "lw": 0.8}
         draw_bars(ax, orders[hidden] + shift, amplitudes[hidden], width, label=name, **style)
     line = ("-", "--", ":")[number % 3]

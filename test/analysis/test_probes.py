@@ -32,6 +32,7 @@ def test_axial_values_are_within_their_uncertainty(tmp_path):
         found = [f for s in analysis.segments for f in s.signals if f.signal == "axial_z"]
         assert len(found) == 4  # two speeds, both ways
         for figures in found:
+            assert figures.spectrum.hidden == tuple(figures.spectrum.orders), "one probe tells no form of its face"
             for name, value in truth.items():
                 inside.append(abs(figures.values[name].value - value) <= figures.values[name].expanded)
         heights = {f.height for s in analysis.segments for f in s.signals if f.quantity == "radial"}
