@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import math
 import operator
-from collections import deque
 from collections.abc import Sequence
 from itertools import pairwise
-from statistics import median
 
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.pipeline.distance_noise import (
@@ -19,7 +17,7 @@ from rotary_error_monitor.pipeline.distance_noise import (
     scatter_in,
 )
 from rotary_error_monitor.pipeline.distance_places import Place
-from rotary_error_monitor.pipeline.distance_reach import ACCELERATION, STEADY, DistanceReach
+from rotary_error_monitor.pipeline.distance_reach import STEADY, DistanceReach
 from rotary_error_monitor.pipeline.distance_steps import Compared, DistanceStep, DistanceSteps
 from rotary_error_monitor.pipeline.evidence import LONG, SHORT, SIGMAS, Reach, Window, Windows
 from rotary_error_monitor.pipeline.far_distance import FarDistance
@@ -27,7 +25,8 @@ from rotary_error_monitor.pipeline.head_belief import AGREEMENT
 from rotary_error_monitor.pipeline.ring_belief import ABSENT
 from rotary_error_monitor.pipeline.speed_slope import SpeedSlope
 from rotary_error_monitor.pipeline.standing_command import StandingCommand
-from rotary_error_monitor.pipeline.usual_level import UsualLevel
+from rotary_error_monitor.pipeline.told_speed import ToldSpeed
+from rotary_error_monitor.pipeline.usual_distance import UsualDistance
 from rotary_error_monitor.pipeline.zero_keeping import ZeroKeeping
 
 RETURNED = 0.3
@@ -59,7 +58,7 @@ class CommandBelief:
         """Believe the command again."""
         self.doubt = ""
         self.delay = self.shift = 0.0
-        self._told: tuple[Window, float] | None = None
+        self._told = ToldSpeed(self._limits.speed)
         # until both have been compared at a speed that is known, the distance is anywhere
         self._met = False
         self.lag = math.hypot(self._limits.speed * self._timing, self._anywhere.reach / SIGMAS)
@@ -77,10 +76,9 @@ class CommandBelief:
         self._speed = 0.0
         self._zero = ZeroKeeping()
         self._slope = SpeedSlope(10 * LONG)
-        self._usual = UsualLevel()
+        self._usual = UsualDistance()
         self._farther = DistanceReach(self._limits)
         self._hidden = self._limits.latency  # by how much the delay may be another than is seen, s
-        self._delays: deque[float] = deque(maxlen=10 * LONG // SHORT)  # of as long a time
 
     def retract(self, *, doubt: bool) -> None:
         """Forget the last windows, which came of a wrong head; with `doubt`, what was doubted by them as well."""
@@ -101,7 +99,7 @@ class CommandBelief:
         if self._last is not None:
             self._note_hidden(self._last.duration)
         self._slope.forget()  # a step of the zero in between would pass for a delay
-        self.lag = max(self.lag, self._largest_speed(number) * math.hypot(self.delay, self._timing))
+        self.lag = max(self.lag, self._told.largest(number) * math.hypot(self.delay, self._timing))
 
     @property
     def untold(self) -> float:
@@ -124,17 +122,10 @@ class CommandBelief:
         last, self._last = self._last, window
         self.reach = self._anywhere
         if not _tells(window) or last is None or window.number != last.number + 1:
-            self._agreeing = 0.0
-            self._steps.clear()
-            self._scattering.interrupt()
-            if self._met:
-                self.lag = self._lag_at(self._speed_of(window, last), scatter_in(window, self._scattering.variances))
-            if not self._zero.open:  # a window that lacks some ticks tells nothing against those before it
-                self._zero.begin(sound=last is not None and window.number == last.number + 1)
+            self._interrupt(window, last)
             return
         self._compared = window.number
-        speed = self._speed_of(window, last)
-        scatter = scatter_in(window, self._scattering.earlier)
+        speed, scatter = self._told.of(window, last), scatter_in(window, self._scattering.earlier)
         before, whole = self._steps.before(window, last, self._speed), _tells(last)
         wrong = self._beyond(window, speed) or (self._standing.judge(window, last) if whole else "")
         what = Compared(window, last, speed, scatter, self.delay, self._farther.late(self.delay), self._hidden)
@@ -174,14 +165,18 @@ class CommandBelief:
             if self._agreeing >= AGREEMENT:
                 self._believe_again(usual, late)
         elif last.tells_rotation and not (self._zero.open or self._steps.size):
-            self._usual.add((window.mean.ecc + self.delay * speed, speed))
-        noise = scatter_in(window, self._scattering.variances)
-        self._settle(speed, noise, window.mean.ecc, window.duration, missed if missed > self._noise else 0.0)
-        plain = self._is_plain(self._steps.places.most_missed(missed), window.scatter.ecc, speed)
-        if not (plain or self.doubt or self._steps.size):
-            self._keep_reach(window, last, scatter)
-        self._steps.places.add(Place(window.number, window.mean.ecc, speed, missed), plain=plain)
-        self._steps.places.follow([window.mean.theta], [window.mean.ecc])
+            self._usual.add(window.mean.ecc, speed, self.delay)
+        self._keep(window, last, speed, scatter)
+
+    def _interrupt(self, window: Window, last: Window | None) -> None:
+        """Of a window that is not told against the one before."""
+        self._agreeing = 0.0
+        self._steps.clear()
+        self._scattering.interrupt()
+        if self._met:
+            self.lag = self._lag_at(self._told.of(window, last), scatter_in(window, self._scattering.variances))
+        if not self._zero.open:  # a window that lacks some ticks tells nothing against those before it
+            self._zero.begin(sound=last is not None and window.number == last.number + 1)
 
     def _sure(self, what: Compared, found: DistanceStep | None) -> DistanceStep | None:
         """A step that was found, or is held, once it is told."""
@@ -190,6 +185,16 @@ class CommandBelief:
             self._note_hidden(what.window.duration)
             self._scattering.interrupt()
         return self._steps.judge(what._replace(hidden=self._hidden), found, far, self._slope)
+
+    def _keep(self, window: Window, last: Window, speed: float, scatter: float) -> None:
+        """What a window that was judged tells of the next ones."""
+        missed, noise = missed_in(window), scatter_in(window, self._scattering.variances)
+        self._settle(speed, noise, window.mean.ecc, window.duration, missed if missed > self._noise else 0.0)
+        plain = self._is_plain(self._steps.places.most_missed(missed), window.scatter.ecc, speed)
+        if not (plain or self.doubt or self._steps.size):
+            self._keep_reach(window, last, scatter)
+        self._steps.places.add(Place(window.number, window.mean.ecc, speed, missed), plain=plain)
+        self._steps.places.follow([window.mean.theta], [window.mean.ecc])
 
     def _keep_reach(self, window: Window, last: Window, scatter: float) -> None:
         """Of a window in which a step may have begun, where the distance can be next is told by what was before."""
@@ -213,12 +218,8 @@ class CommandBelief:
             self._zero = ZeroKeeping()
         self._zero.begin(sound=False)
         if late:  # by windows of the fault, which the slope still holds
-            self.delay = self._usual_delay
+            self.delay = self._usual.delay
             self._slope.restore(-self.delay)
-
-    @property
-    def _usual_delay(self) -> float:
-        return median(self._delays) if self._delays else 0.0
 
     def _is_usual(self, distance: float, speed: float) -> bool:
         """Whether a distance is what it was most of the time, at the delay that was seen then.
@@ -226,13 +227,11 @@ class CommandBelief:
         So the end of a fault is told from its begin where that was not seen: it crept in, or was small. It is near to
         what was usual against the step that ended it, or against what a delay would make if it were real.
         """
-        delay = self._usual_delay
-        near = RETURNED * max(self._size, abs((self.delay - delay) * speed))
+        near = RETURNED * max(self._size, abs((self.delay - self._usual.delay) * speed))
         near = min(near, STEADY * self._limits.following_error)
-        slower = near / self._hidden if self._hidden else math.inf
         if not self._far.has_changed(distance, speed, self.delay, self._farther.late(0.0)):
             return False
-        return self._usual.is_at((distance + delay * speed, speed), (near, slower))
+        return self._usual.is_at(distance, speed, near, self._hidden)
 
     def foresee(self, windows: Windows) -> None:
         """Make ready for windows that are to be judged."""
@@ -269,9 +268,9 @@ class CommandBelief:
         self._standing.clear()
         thetas, distances, duration = windows.mean.theta, windows.mean.ecc, windows.duration
         moved = [theta - before for before, theta in pairwise([last.mean.theta, *thetas])]
-        speeds = [self._speed_of(windows[0], last), *[each / duration for each in moved[1:]]]
+        speeds = [self._told.of(windows[0], last), *[each / duration for each in moved[1:]]]
         if len(windows) > 1:
-            self._told = windows.last, speeds[-1]
+            self._told.tell(windows.last, speeds[-1])
         missed = list(map(missed_of, windows.mean.head_bend, windows.mean.command_bend))
         for theta, turned, distance, speed, miss in zip(thetas, moved, distances, speeds, missed, strict=True):
             self.shift = self._shift((theta, turned, (distance, speed)), miss)
@@ -285,7 +284,7 @@ class CommandBelief:
                 if self.doubt:
                     self._before, self._agreeing, self._size = None, 0.0, 0.0
             if not self.doubt:
-                self._usual.add((distance + self.delay * speed, speed))
+                self._usual.add(distance, speed, self.delay)
             self._settle(speed, scatter, distance, duration)
             found.append((self.lag, self.reach))
         self._steps.places.add(Place(windows.last.number, distances[-1], speeds[-1]), plain=True)
@@ -295,29 +294,14 @@ class CommandBelief:
     def _settle(self, speed: float, scatter: float, distance: float, duration: float, missed: float = 0.0) -> None:
         """How sure the distance is at a speed (rad/s) with what scatters and is missed (rad), and where it is next."""
         self._speed = speed
-        self._met = self._met or (self._told is not None and self._told[0].number == self._compared)
+        self._met = self._met or (self._compared is not None and self._told.number == self._compared)
         self.lag = self._lag_at(speed, scatter, missed) if self._met else self.lag
         self.reach = Reach(distance, 0.0, self._farther.within(duration, self.delay, self.lag))
-
-    def _speed_of(self, window: Window, last: Window | None) -> float:
-        """Speed in a window by that before it, rad/s; where it is not told the largest that it can be."""
-        if last is None or window.number != last.number + 1 or not (window.tells_rotation and last.tells_rotation):
-            return self._largest_speed(window.number)
-        speed = (window.mean.theta - last.mean.theta) / window.duration
-        self._told = window, speed
-        return speed
 
     def _lag_at(self, speed: float, scatter: float, missed: float = 0.0) -> float:
         untold = self._zero.untold / SIGMAS
         held, missed = self._steps.size / SIGMAS, self._steps.places.most_missed(missed) / SIGMAS
         return math.hypot(speed * math.hypot(self.delay, self._timing), scatter, self.shift, untold, held, missed)
-
-    def _largest_speed(self, number: int) -> float:
-        """How fast the stage may turn in a window by its number, rad/s: it may have accelerated since it was told."""
-        if self._told is None:
-            return self._limits.speed
-        window, speed = self._told
-        return min(self._limits.speed, abs(speed) + ACCELERATION * (number - window.number) * window.duration)
 
     def _beyond(self, window: Window, speed: float) -> str:
         late, missed = self._farther.late(self.delay), self._steps.places.most_missed(missed_in(window))
@@ -389,7 +373,7 @@ class CommandBelief:
                 self._note_hidden(window.duration)
             self.delay = -float(self._slope.value[0])
             if not self.doubt:
-                self._delays.append(self.delay)
+                self._usual.add_delay(self.delay)
             self._farther.learn(self._slope, window.number, window.duration, self.delay, self.lag)
         return self._late()
 

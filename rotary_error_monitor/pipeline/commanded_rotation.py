@@ -58,7 +58,7 @@ class CommandedRotation(CommandBelief):
         self._hold_against_itself(window, last)
         if window.tells_rotation and not self.doubt:
             self._least, self._most = min(self._least, window.mean.theta), max(self._most, window.mean.theta)
-        speed = abs(self._speed_of(window, last))
+        speed = abs(self._told.of(window, last))
         before = speed if self._speed_before is None else self._speed_before
         self._speed_before = speed
         # the ticks that it holds for are in the next window: what the speed changes by it may change by again

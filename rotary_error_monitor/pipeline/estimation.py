@@ -10,7 +10,7 @@ repeats the decision.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,7 @@ from rotary_error_monitor.pipeline.listed_sensors import ListedSensors
 from rotary_error_monitor.pipeline.publication import Believed, Decisions, Publication
 from rotary_error_monitor.pipeline.repetition import Repetition
 from rotary_error_monitor.pipeline.stream_limits import is_saturated, stream_limits
+from rotary_error_monitor.pipeline.streams_there import StreamsThere
 from rotary_error_monitor.pipeline.ticks import AUTOCOLLIMATOR as AUTOCOLLIMATOR
 from rotary_error_monitor.pipeline.ticks import COMMAND as COMMAND
 from rotary_error_monitor.pipeline.ticks import TickMaker
@@ -78,13 +79,14 @@ class Estimator:
         # As the wire contract numbers them, also for a stage without autocollimator.
         names = (*self._heads, AUTOCOLLIMATOR, COMMAND, *stage.sensors)
         self._bits = {name: 1 << i for i, name in enumerate(names)}
-        self._stream_bits = np.array([[self._bits[name]] for name in self._streams])
         self._judged_bits = sum(bit for name, bit in self._bits.items() if name not in stage.sensors)
         self._head_bits = sum(self._bits[name] for name in self._heads)
         self._common_turns = CommonTurns({name: self._bits[name] for name in self._heads})
         heads = self._head_bits
         self._repetition = None if decisions is None else Repetition(decisions, self._bits, tuple(self._streams), heads)
         period_ns, limit = self._settings.period_ns, self._settings.disagreement_limit
+        live = decisions is None
+        self._there = StreamsThere(self._streams, self._bits, tuple(self._heads), period_ns, live=live)
         self._ticks = TickMaker(stage, self._heads, self._bits, period_ns * 1e-9)
         self._described = DescribedReadings(stage, self._streams, self._bits, self._ticks.layout, period_ns)
         self._joined_ns = self._settings.max_gap_ns if decisions is None else LONGEST_GAP_NS
@@ -282,7 +284,7 @@ class Estimator:
             resampled = {name: each.at(np.arange(count)) for name, each in resampled.items()}
             if count == 0:
                 return [], 0
-        there = self._streams_at(ticks, list(resampled.values()))
+        there = self._there.at(ticks, list(resampled.values()))
         self._common_turns.take_out(resampled, there)
         found, begin = [], 0
         while begin < count:
@@ -294,34 +296,6 @@ class Estimator:
             if self.belief.turns:
                 self._take_out_turns(self.belief.turns, resampled)
         return found, count
-
-    def _streams_at(self, ticks: NDArray[np.int64], values: Sequence[Resampled]) -> NDArray[np.int64]:
-        """Bit mask of the streams that have a value at each tick, of the values of all of them in their order."""
-        there = np.array([each.valid for each in values])
-        for heard, stream in zip(there, self._streams.values(), strict=True):
-            if stream.has_gaps:
-                # what a live run decided stands: the bag may begin later than the stream did
-                live = self._repetition is None
-                heard &= stream.is_whole(ticks, self._settings.period_ns, after_patience=live)
-        masks: NDArray[np.int64] = (there * self._stream_bits).sum(axis=0)
-        begun = self._all_heads_begun_ns()
-        if ticks[0] < begun:
-            masks &= np.where(ticks < begun, ~self._head_bits, -1)
-        return masks
-
-    def _all_heads_begun_ns(self) -> int:
-        """Timestamp (ns) before which a head that was awaited had not begun: until then nothing tells a wrong one.
-
-        A replay repeats what a live run decided: the bag may begin later than the stream did.
-        """
-        if self._repetition is not None:
-            return 0
-        begun = [0]
-        for name in self._heads:
-            stream = self._streams[name]
-            if stream.begin_ns is not None:  # a value at a tick rests on samples to both of its sides
-                begun.append(stream.begin_ns + 2 * max(self._settings.period_ns, round(stream.spacing_ns)))
-        return max(begun)
 
     def _take_out_turns(self, turns: int, resampled: Mapping[str, Resampled]) -> None:
         """Count the heads' turns as the command does, from now on."""
@@ -376,13 +350,17 @@ class Estimator:
             seen, publish = seen & published, publish & published
         self.status.withheld += int((seen & ~publish).sum())
         publish &= seen
-        judged = {name: bit for name, bit in self._bits.items() if bit & self._judged_bits & ~self.belief.unusable}
-        self.status.note_unjoined(judged, there[:done], publish)
-        self.status.estimates += int(publish.sum())
-        self.status.disagreement = float(disagreement[done - 1])
+        self._count(publish, there[whole], float(disagreement[done - 1]))
         if publish.all():
             return [motion], done
         return [motion.at(publish)] if publish.any() else [], done
+
+    def _count(self, publish: NDArray[np.bool_], there: NDArray[np.int64], disagreement: float) -> None:
+        """Count what is published, with the streams that were there, for the diagnostics."""
+        judged = {name: bit for name, bit in self._bits.items() if bit & self._judged_bits & ~self.belief.unusable}
+        self.status.note_unjoined(judged, there, publish)
+        self.status.estimates += int(publish.sum())
+        self.status.disagreement = disagreement
 
     def _make(
         self,

@@ -12,10 +12,10 @@ from rotary_error_monitor.description.stage_limits import StageLimits
 from rotary_error_monitor.metrology.agreement import chi_square_bound
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 from rotary_error_monitor.metrology.error_motion import KINK
-from rotary_error_monitor.pipeline.evidence import EVERYWHERE, LONG, PERSISTENT, SHORT, Reach, Window, Windows
+from rotary_error_monitor.pipeline.evidence import EVERYWHERE, PERSISTENT, SHORT, Reach, Window, Windows
+from rotary_error_monitor.pipeline.lasting_contradiction import LastingContradiction
 from rotary_error_monitor.pipeline.ring_jumps import Change, RingJumps, change_between
 from rotary_error_monitor.pipeline.ring_scatter import RingScatter, StampsScatter
-from rotary_error_monitor.pipeline.trailing import Trailing
 from rotary_error_monitor.pipeline.turn_memory import CentreCourse, Held, distance
 from rotary_error_monitor.pipeline.wrong_head import Shown, fault_in_words, wrong_head
 
@@ -87,8 +87,7 @@ class HeadBelief:
         self.reach = EVERYWHERE
         self.contradicting = False
         self._agreeing = 0.0
-        self._agreement = Trailing(LONG)
-        self._bounds_of, self._bounds = (0.0, (0, 0, 0)), [0.0]  # of `_excesses`, and for what degrees of freedom
+        self._contradictions = LastingContradiction()
         self._lasting = 1.0
         self._believed: tuple[str, ...] = ()
         self._layouts: dict[tuple[str, ...], HeadLayout] = {}
@@ -226,8 +225,8 @@ class HeadBelief:
         counted = [min(each, most) for each, most in zip(agreements, largest, strict=True)]
         freedoms = [max(1.0, ticks * each) * self._redundancy for each in samples]
         weighed = []
-        for place, end in enumerate(self._agreement.add(counted)):
-            of_last, of_some, of_all = self._excesses(freedoms[place], end)
+        for place, end in enumerate(self._contradictions.add(counted)):
+            of_last, of_some, of_all = self._contradictions.excesses(freedoms[place], end)
             self.contradicted = math.sqrt(max(1.0, of_last, of_some, of_all))
             self._lasting = math.sqrt(max(1.0, of_all))
             found, tolerance = agreements[place], tolerances[place]
@@ -269,15 +268,6 @@ class HeadBelief:
                 f"the heads contradict one another by {largest:.3g} standard deviations, and nothing tells "
                 "which is wrong; a head's place, zero or direction, the graduation or the described noise may be wrong"
             )
-
-    def _excesses(self, freedom: float, end: int) -> tuple[float, float, float]:
-        """Mean contradiction over what chance allows, for a last window and the longer spans, where it is more."""
-        among = self._agreement
-        counts = 1, among.count(end, SHORT), among.count(end, LONG)
-        if (freedom, counts) != self._bounds_of:
-            self._bounds_of, self._bounds = (freedom, counts), [chi_square_bound(freedom * each) for each in counts]
-        of_last, of_some, of_all = self._bounds
-        return among.last(end) / of_last, among.excess(end, SHORT, of_some), among.excess(end, LONG, of_all)
 
     def _leave_out_the_wrong(self) -> bool:
         """Leave out the head that causes the contradiction; give whether its course tells which that is."""
@@ -390,7 +380,7 @@ class HeadBelief:
 
     def _settle(self) -> None:
         """What the heads contradicted one another by so far is accounted for."""
-        self._agreement.clear()
+        self._contradictions.clear()
         self._lasting = 1.0
 
     def _forget(self) -> None:
@@ -410,7 +400,7 @@ class HeadBelief:
 
     def forget_time(self) -> None:
         """The clock was set back: how much time has passed since the last window is not known; doubts stay."""
-        for each in (self._agreement, self._beyond, self._history):
+        for each in (self._contradictions, self._beyond, self._history):
             each.clear()
         self._agreeing = 0.0
         self._scatter.forget_last()

@@ -165,15 +165,8 @@ class ListedReadings:
         turned, late = self._turned(motion.theta, motion.lag), self._late(sampled, rates)
         # the form of a target is taken off at the wrong place while the zero of the rotation may be another one
         elsewhere = np.where(motion.doubts & UNVERIFIED, 1.0, 0.0)
-        seen_too, alone = motion.observable.astype(np.float64), np.where(motion.observable, 0.0, 1.0)
-        by_noise = seen_too * _noise_of(evidence)
-        noisy = _summed(by_noise, self.sensitivity**2)
-        by_heads = _summed(by_noise[:, :2], self.sensitivity[:, :2] ** 2)
-        by_tilt = _summed(by_noise[:, 3:5], self.sensitivity[:, 3:5] ** 2)
-        air = _summed(seen_too[:, 3:5] * self._air, self._through_air)
-        late_variance = np.zeros((1, 2)) if late_tilt is None else late_tilt
-        by_late_tilt = _summed(seen_too[:, 3:5] * late_variance, self.sensitivity[:, 3:5] ** 2)
-        raised = np.maximum(motion.head_scale**2 - 1.0, 0.0)
+        noisy, by_tilt, air, wandering = self._by_others(motion, evidence, late_tilt)
+        alone = np.where(motion.observable, 0.0, 1.0)
         return ListedTicks(
             motion.theta,
             motion.components,
@@ -188,13 +181,27 @@ class ListedReadings:
             self.stated + elsewhere[:, None] * self._forms,
             noise + noisy,
             np.maximum(self._known(motion.covariance) - noisy, 0.0) + turned**2 + air + late**2,
-            np.sqrt(raised[:, None] * by_heads + by_late_tilt + air + late**2),
+            np.sqrt(wandering + late**2),
             _summed(alone, self._most),
             _summed(alone, self._rate),
             turned,
             np.maximum(by_tilt - air, 0.0),
             late,
         )
+
+    def _by_others(
+        self, motion: ErrorMotion, evidence: Array, late_tilt: Array | None
+    ) -> tuple[Array, Array, Array, Array]:
+        """(m, p) each variance of what others show of a displacement: by their noise; of that by the autocollimator's,
+        with air; by air; and by what wanders beside noise: stamps of heads and autocollimator, and air.
+        """
+        seen, squares = motion.observable.astype(np.float64), self.sensitivity**2
+        by_noise = seen * _noise_of(evidence)
+        air = _summed(seen[:, 3:5] * self._air, self._through_air)
+        late = _summed(seen[:, 3:5] * (np.zeros((1, 2)) if late_tilt is None else late_tilt), squares[:, 3:5])
+        raised = np.maximum(motion.head_scale**2 - 1.0, 0.0)
+        by_heads = raised[:, None] * _summed(by_noise[:, :2], squares[:, :2])
+        return _summed(by_noise, squares), _summed(by_noise[:, 3:5], squares[:, 3:5]), air, by_heads + late + air
 
     def _turned(self, theta: Array, lag: Array) -> Array:
         """(m, p) displacement by form that one standard deviation of the rotation, `lag` (m,) rad, makes."""
