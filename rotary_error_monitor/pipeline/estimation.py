@@ -38,7 +38,7 @@ from rotary_error_monitor.pipeline.ticks import COMMAND as COMMAND
 from rotary_error_monitor.pipeline.ticks import TickMaker
 from rotary_error_monitor.signals.arrival import ArrivalCheck
 from rotary_error_monitor.signals.blocks import SampleBlock
-from rotary_error_monitor.signals.resampling import Resampled, count_decided, resample_all, tick_times
+from rotary_error_monitor.signals.resampling import Resampled, count_decided, rate_around, resample_all, tick_times
 from rotary_error_monitor.signals.streams import SampleStream, after_pause
 
 CHUNK = 4096
@@ -342,7 +342,8 @@ class Estimator:
         if self._listed is not None:
             known = {name: each.at(np.arange(done)) for name, each in sampled.items()}
             said = {at: (each.sensor_scale, each.sensor_conflict) for at, each in decided.items() if at < done}
-            motion = self._listed.complete(first, motion, publish & seen, known, rates, said, known_by, late)
+            near = {each: rate_around(self._streams[each].times_ns, ticks[whole]) for each in self._listed.late}
+            motion = self._listed.complete(first, motion, publish & seen, known, rates, said, known_by, near, late)
         if self._repetition is None:
             self.status.unobservable += int((~seen).sum())
         else:

@@ -12,6 +12,7 @@ from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.metrology.error_motion import remove_mirror
 from rotary_error_monitor.metrology.harmonics import planar_sum
 from rotary_error_monitor.pipeline.evidence import INDEX
+from rotary_error_monitor.signals.resampling import around
 from rotary_error_monitor.signals.streams import SampleStream
 
 AHEAD = 1e-6
@@ -69,8 +70,7 @@ class LateTilt:
 
 
 def _speed(ticks: Times, head: SampleStream) -> Array:
-    """(m,) rotation per s over the four samples of a head around each tick, which are the same live and in a replay."""
+    """(m,) rotation per s over the four samples of a head around each tick."""
     times, values = head.times_ns, head.values[:, 0]
-    last = np.clip(np.searchsorted(times, ticks) + 1, 1, len(times) - 1)
-    first = np.maximum(last - 3, 0)
+    first, last = around(times, ticks)
     return np.asarray(np.abs(values[last] - values[first]) * 1e9 / (times[last] - times[first]))

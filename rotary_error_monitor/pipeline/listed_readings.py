@@ -116,12 +116,14 @@ class ListedReadings:
         fields: p of the sensors.
         sensitivity: (p, 6) what each sees of the components.
         stated: (p,) variance of zero and form as stated, m² or rad².
+        late: streams of the fields whose latency is uncertain.
     """
 
     def __init__(self, stage: StageDescription, period: float) -> None:
         """Sensors of `stage`, at ticks that are `period` (s) apart."""
         self._fitted = (1.0 - GUARD) * period
         self._timing = [stage.timing(f"sensors.{name_of(f.stream, f.sensor)}") for f in listed_fields(stage)]
+        self.late = [f.stream for f, timing in zip(listed_fields(stage), self._timing, strict=True) if timing]
         self._spindle, self._commanded = stage.spindle, stage.encoder is None
         self.fields = listed_fields(stage)
         self.sensitivity = listed_sensitivity(self.fields)
@@ -146,7 +148,7 @@ class ListedReadings:
         evidence: Array,
         there: NDArray[np.bool_],
         sampled: Mapping[str, Resampled],
-        rates: Mapping[str, float],
+        rates: Mapping[str, float | Array],
         late_tilt: Array | None = None,
     ) -> ListedTicks:
         """What the sensors show at m ticks.
@@ -156,7 +158,7 @@ class ListedReadings:
             evidence: (m, e) what the ticks say, columns as in `pipeline.evidence`.
             there: (m, p) which readings can be used.
             sampled: each stream at the ticks.
-            rates: samples per s of each stream.
+            rates: samples per s around each tick of each stream whose latency is uncertain.
             late_tilt: (m, 2) variance of the tilt by when the autocollimator read it, rad², where that is uncertain.
         """
         described = described_error_motion(self._spindle, motion.theta)
@@ -213,7 +215,7 @@ class ListedReadings:
                 total[:, column] = (ahead - there)[:, field.place] * (lag / TURNED)
         return total
 
-    def _late(self, sampled: Mapping[str, Resampled], rates: Mapping[str, float]) -> Array:
+    def _late(self, sampled: Mapping[str, Resampled], rates: Mapping[str, float | Array]) -> Array:
         """(m, p) displacement that readings go through in one standard deviation of their stamps.
 
         All that a reading shows is late, what the target shows of itself as well as error motion: its rate of change is
@@ -221,13 +223,13 @@ class ListedReadings:
         """
         total = np.zeros((len(next(iter(sampled.values())).gain), len(self.fields)))
         for column, (field, timing) in enumerate(zip(self.fields, self._timing, strict=True)):
-            rate = rates.get(field.stream, 0.0)
-            if timing == 0.0 or rate == 0.0:
-                continue
             seen = sampled[field.stream]
-            passed = np.full(len(seen.gain), 3.0 / rate)  # an interpolation takes four samples
-            if rate * self._fitted >= FEWEST_TO_FIT:
-                passed[seen.bend[:, field.place] == 0.0] = self._fitted - 1.0 / rate  # a fit those of its cell
+            rate = np.broadcast_to(rates.get(field.stream, 0.0), len(seen.gain))
+            if timing == 0.0 or not rate.all():
+                continue
+            # an interpolation takes four samples, a fit those of its cell, which are not even: a rate tells it roughly
+            is_fit = (seen.bend[:, field.place] == 0.0) & (2.0 * rate * self._fitted >= FEWEST_TO_FIT)
+            passed = np.where(is_fit, self._fitted - 1.0 / rate, 3.0 / rate)
             alike = len(field.kind.fields)  # fields that are late together, see `ListedTicks.common`
             total[:, column] = math.sqrt(alike) * timing * seen.travel[:, field.place] / passed / abs(field.sensor.gain)
         return total

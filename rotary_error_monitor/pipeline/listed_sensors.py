@@ -32,6 +32,7 @@ class ListedSensors:
 
     Attributes:
         sensitivity: (p, 6) what each field of the sensors sees of the components.
+        late: streams of the sensors whose latency is uncertain.
     """
 
     def __init__(self, stage: StageDescription, bits: Mapping[str, int], period_ns: int) -> None:
@@ -41,6 +42,7 @@ class ListedSensors:
         self.sensitivity = self._readings.sensitivity
         fields = self._readings.fields
         self._streams = [field.stream for field in fields]
+        self.late = tuple(dict.fromkeys(self._readings.late))
         self._bits = np.array([bits[stream] for stream in self._streams], np.int64)
         self._first = np.array([column for column, field in enumerate(fields) if field.place == 0], np.intp)
         self._owner = np.array([field.number for field in fields], np.intp)
@@ -81,7 +83,8 @@ class ListedSensors:
         rates: Mapping[str, float],
         decided: Mapping[int, tuple[float, float]],
         evidence: Array,
-        late_tilt: Array | None = None,
+        near: Mapping[str, Array],
+        late_tilt: Array | None,
     ) -> ErrorMotion:
         """Error motion with what the listed sensors show, and what of them was used.
 
@@ -94,10 +97,11 @@ class ListedSensors:
             decided: for ticks, by their place, whose choice of streams is that of a live run, its `sensor_scale` and
                 `sensor_conflict`.
             evidence: (m, e) what the ticks say, columns as in `pipeline.evidence`.
+            near: (m,) samples per s around each tick of the sensors that may be `late`.
             late_tilt: (m, 2) variance of the tilt by when the autocollimator read it, rad², where that is uncertain.
         """
         there = (motion.streams[:, None] & self._bits != 0) & usable[:, None]
-        shown = self._readings.make(motion, evidence, there, sampled, rates, late_tilt)
+        shown = self._readings.make(motion, evidence, there, sampled, near, late_tilt)
         used, scale, conflict = self._assess(first, shown, rates)
         for place, said in decided.items():
             used[place], (scale[place], conflict[place]) = there[place], said

@@ -69,6 +69,23 @@ class Resampled:
         return _merged(Resampled(values, gain, travel, bend, self.valid.copy()), part, chosen)
 
 
+def around(times_ns: Times, ticks: Times) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """(m,) places of the first and the last of the four samples around each tick, of two samples or more.
+
+    They are the same live and in a replay, where what is known of a stream by its latest block is not.
+    """
+    last = np.clip(np.searchsorted(times_ns, ticks) + 1, 1, len(times_ns) - 1)
+    return np.maximum(last - 3, 0), last
+
+
+def rate_around(times_ns: Times, ticks: Times) -> Array:
+    """(m,) samples per s around each tick; 0 where there are fewer than two."""
+    if len(times_ns) < 2:
+        return np.zeros(len(ticks))
+    first, last = around(times_ns, ticks)
+    return np.asarray((last - first) * 1e9 / (times_ns[last] - times_ns[first]))
+
+
 def tick_times(first: int, count: int, period_ns: int) -> NDArray[np.int64]:
     """(count,) timestamps (ns) of the ticks `first`, `first + 1`, …: the middles of cells of `period_ns`."""
     return np.arange(first, first + count, dtype=np.int64) * period_ns + period_ns // 2

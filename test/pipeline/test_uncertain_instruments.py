@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from described_stages import stage_of
-from motion_numbers import assert_same_bits
+from motion_numbers import assert_same_bits, decisions_of
 from pipeline.test_estimation import values
 from pipeline.test_listed_sensors import AXIAL, SECOND, described, off, recorded
 from pushed_inputs import push_block
@@ -92,6 +92,26 @@ def square(motion: ErrorMotion, places: list[int]) -> np.ndarray:
     """(k,) squares of errors in standard deviations at the time that counts."""
     found, t = off(motion)
     return found[np.searchsorted(t, AT), places] ** 2
+
+
+def test_a_replay_has_the_same_bits_however_blocks_came_together() -> None:
+    """Also of samples that are not even: live, several blocks may be there before the first is reckoned with."""
+    more = BY_LATENCY | {"sensors.top.timing": 1e-3, "sensors.second.timing": 1e-3}
+    stage = stated(described(SENSORS), more | {"encoder.timing": 1e-5})
+    draw, pairs = np.random.default_rng(1), []
+    for name, block in recorded(SENSORS, 1, duration=0.3):
+        uneven = block.times_ns + draw.integers(-2000, 2000, len(block.rows))
+        pairs.append((name, block_from_samples(uneven, block.names[1:], block.rows[:, 1:])))
+    made: list[ErrorMotion] = []
+    for batch in (25, 1):
+        decisions = decisions_of(made[0]) if made else None
+        estimator, parts = Estimator(stage, EstimatorSettings(check_turns=0.0), decisions), []
+        for number, (name, block) in enumerate(pairs):
+            estimator.accept(name, block)
+            parts += estimator.advance() if number % batch == 0 else []
+        made.append(ErrorMotion.joined([*parts, *estimator.finish()]))
+    assert len(made[0].times_ns) > 200
+    assert_same_bits(*made)
 
 
 def test_what_is_known_exactly_changes_nothing() -> None:
