@@ -50,7 +50,7 @@ Uncertain = Annotated[
     str,
     Expected(
         pattern=r"^((errors|location|reversal)\.(linear|angular)|squareness|orientation|pivot_offset|head_length|"
-        r"tool_length|expansion)$"
+        r"tool_length|expansion|thermometer)$"
     ),
 ]
 Linear = Annotated[str, Expected("one of X, Y, Z", pattern="^[XYZ]$")]

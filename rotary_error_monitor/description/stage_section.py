@@ -183,7 +183,10 @@ class Calibrations(Section):
 
 
 Uncertain = Annotated[
-    str, Expected(pattern=r"^(encoder|mirror|autocollimator|spindle|lvdt|command|sensors\.[a-z][a-z0-9]*)\.[a-z_]+$")
+    str,
+    Expected(
+        pattern=r"^(encoder|mirror|autocollimator|spindle|lvdt|command|environment|sensors\.[a-z][a-z0-9]*)\.[a-z_]+$"
+    ),
 ]
 
 
