@@ -106,7 +106,9 @@ class HypothesisTable:
         sizes = np.concatenate([[0], np.cumsum([len(scale) for scale in scales])]).astype(np.intp)
         self._places = [np.arange(a, b, dtype=np.intp) for a, b in itertools.pairwise(sizes)]
         self._owner = np.repeat(np.arange(len(scales)), [len(scale) for scale in scales])
-        self.normal: Normal = self.blocks.total().without(self.nuisances)
+        total = self.blocks.total()
+        self.normal: Normal = total.without(self.nuisances)
+        self._before = np.diagonal(total.gram)[self.nuisances :].copy()
         self._dropped: set[int] = set()
         self.noise_dof = problem.noise_dof if isinstance(problem, LearntNoise) else np.inf
         self.effects = len({candidate.effect.name for candidate in self.candidates})
@@ -194,6 +196,13 @@ class HypothesisTable:
     def singles(self, beside: Sequence[int] = ()) -> list[Hypothesis]:
         """Each candidate beside the given ones, in the order of the candidates; those themselves are left out."""
         return self.evaluate_all([(*beside, i) for i in self.free(beside)])
+
+    def taken(self, member: int) -> float:
+        """Part of a candidate's power that uncertain parameters of the twin can take."""
+        index = self._places[member]
+        before = float(self._before[index].sum())
+        left = float(np.diagonal(self.normal.gram)[index].sum())
+        return 1.0 - left / before if before > 0 else 0.0
 
     def replacements(self, members: Sequence[int], place: int, candidates: Sequence[int]) -> list[Hypothesis]:
         """The set with each of the candidates at that place."""

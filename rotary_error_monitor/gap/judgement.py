@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from rotary_error_monitor.gap.alternatives import REJECTED, Key
-from rotary_error_monitor.gap.departures import LeavingOut
+from rotary_error_monitor.gap.departures import SHARE, LeavingOut
 from rotary_error_monitor.gap.fitted_sets import FittedSets, set_of
 from rotary_error_monitor.gap.fitting import Fit, fit_causes
 from rotary_error_monitor.gap.held_out import dispersion
@@ -174,8 +174,9 @@ def _passed_by(sets: FittedSets, null: Step) -> list[Posterior]:
     not likelier than something unknown, or leaves something.
 
     Uncertain parameters of the twin, if it has any, may have taken the textbook form of a cause, so that only its
-    departure shows, which others then seem to explain better; and beside them an effect that is far from linear is told
-    from others by its own fit only.
+    departure shows, which others then seem to explain better: evidence of the textbook form says nothing of these,
+    and they are looked at whatever it is. And beside them an effect that is far from linear is told from others by its
+    own fit only.
     """
     if not len(null.fit.nuisance_values):
         return []
@@ -183,7 +184,10 @@ def _passed_by(sets: FittedSets, null: Step) -> list[Posterior]:
     for hypothesis in sorted(table.singles(), key=lambda hypothesis: -hypothesis.log_evidence):
         if hypothesis.log_evidence > 0:
             best.setdefault(table.candidates[hypothesis.members[0]].effect.name, hypothesis)
-    fits = [fit for hypothesis in list(best.values())[:MOST_ALONE] for fit in _alone(sets, null, hypothesis)]
+    found = list(best.values())
+    hidden = [each for each in found[MOST_ALONE:] if 1 - table.taken(each.members[0]) < SHARE**2]
+    looked_at = [*found[:MOST_ALONE], *hidden[:MOST_ALONE]]
+    fits = [fit for hypothesis in looked_at for fit in _alone(sets, null, hypothesis)]
     scatter = min((dispersion(fit) for fit in fits), default=1.0)
     # What is left of those that can no longer be the likeliest is not looked at: that takes as long as a fit.
     weighed, rest = list[Posterior](), sorted(fits, key=lambda fit: -_log_weight_of(null, fit, scatter))

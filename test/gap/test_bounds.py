@@ -52,13 +52,16 @@ KINDS = {
 }
 HOOKS = ("amend", "delay", "rotation", "radial", "axial", "tilt", "measured", "turn", "displacement")
 PROBED = replace(STAGE, sensors={**STAGE.sensors, **WITH_SECOND.sensors})
-OF_ALL_STAGES = effects_of(replace(STAGE, sensors={}), load_effects(StageEffect))
-OF_PROBES = {effect.name for effect in load_effects(StageEffect)} - {effect.name for effect in OF_ALL_STAGES}
+EFFECTS = load_effects(StageEffect)
+OF_ALL_STAGES = {effect.name for effect in effects_of(replace(STAGE, sensors={}), EFFECTS)}
+OF_PROBES = {effect.name for effect in effects_of(PROBED, EFFECTS)} - OF_ALL_STAGES
+OF_PACKAGES = {effect.name for effect in EFFECTS} - OF_ALL_STAGES - OF_PROBES  # of kinds of sensors that others add
+SHOWN = {"stage": OF_ALL_STAGES, "probed stage": OF_PROBES}
 ALL = [
     (kind, effect.name)
     for kind, base in KINDS.items()
     for effect in load_effects(base)
-    if base is not StageEffect or (effect.name in OF_PROBES) == (kind == "probed stage")
+    if effect.name in SHOWN.get(kind, (effect.name,))
 ]
 
 
@@ -168,7 +171,7 @@ def pushed(problem, candidate, factors):
     return Pushed(problem, combine(problem, [columns], [amplitudes]) if columns else {}), columns
 
 
-@pytest.mark.parametrize(("kind", "name"), ALL)
+@pytest.mark.parametrize(("kind", "name"), [*ALL, *(("stage", name) for name in sorted(OF_PACKAGES))])
 def test_every_parameter_has_bounds_that_hold_its_usual_size(kind, name):
     effect = effect_named(name, load_effects(KINDS[kind]))
     low, high = effect.bounds()

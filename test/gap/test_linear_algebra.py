@@ -106,6 +106,19 @@ def test_nuisances_are_integrated_out(linear, rng):
     assert left.moment[0] == pytest.approx((x.T @ covariance_inverse @ linear.data["x"]).item())
 
 
+def test_what_uncertain_parameters_can_take_of_a_signature(linear, rng):
+    """Of one that is `size` of them all but 1 / (1 + size² |x|²), of one that is across them nothing."""
+    candidates, columns = table(linear)
+    x = columns[0]["x"]
+    across = rng.normal(size=(800, 1))
+    across -= x @ np.linalg.lstsq(x, across)[0]
+    power = (x.T @ x).item()
+    for size in (1e-3, 0.1, 10.0):
+        weighed = HypothesisTable(linear, linear.data, {"x": size * x}, candidates[:2], [columns[0], {"x": across}])
+        assert 1 - weighed.taken(0) == pytest.approx(1 / (1 + size**2 * power), rel=1e-6)
+        assert weighed.taken(1) == pytest.approx(0.0, abs=1e-9)
+
+
 def test_evidence_is_the_marginal_likelihood_with_the_likeliest_width_of_the_prior(linear):
     candidates, columns = table(linear)
     hypotheses = HypothesisTable(linear, linear.data, {}, candidates, columns)
