@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.metrology.reading_steps import step_of
@@ -70,5 +70,8 @@ class ThermometerCourse:
         return np.asarray(self._spline(within), np.float64)
 
     @cached_property
-    def _spline(self) -> CubicSpline:
-        return CubicSpline(self.time, self.course.values, bc_type="natural")
+    def _spline(self) -> Callable[[Array], Array]:
+        from scipy.interpolate import CubicSpline  # loads for a while
+
+        spline: Callable[[Array], Array] = CubicSpline(self.time, self.course.values, bc_type="natural")
+        return spline
