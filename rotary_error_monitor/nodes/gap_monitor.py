@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from rotary_error_monitor.description.settings import Setting
-from rotary_error_monitor.description.stage import FORCE
+from rotary_error_monitor.description.streams import AUTOCOLLIMATOR, COMMAND, FORCE, LVDT, TEMPERATURE
 from rotary_error_monitor.description.wire import Topic
-from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, COMMAND, HEAD, LVDT
+from rotary_error_monitor.effects.rotor import HEAD
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.loading import load_twin
 from rotary_error_monitor.kinds.stage.admission import SHORTEST
@@ -42,7 +42,7 @@ _SHORTEST = 1.25 * SHORTEST
 _SLOW = 10.0
 """Silence, s, after which a thermometer counts as stale."""
 
-_HELPFUL = {LVDT: 1.0, FORCE: 1.0, "temperature": _SLOW}
+_HELPFUL = {LVDT: 1.0, FORCE: 1.0, TEMPERATURE: _SLOW}
 """Streams that a stage need not have, and the silence, s, after which they count as stale."""
 
 
