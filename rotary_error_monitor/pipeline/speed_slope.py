@@ -37,7 +37,9 @@ class SpeedSlope:
 
     The speed is that from the window before to the window after: jitter of the rotor is in what is seen as well, and a
     speed that ends at the window itself would go with it. What interpolation misses goes with the speed as well where
-    drift leaves little of that, as in a first ramp: it counts as a deviation that no scatter shows.
+    drift leaves little of that, as in a first ramp: it counts as a deviation that no scatter shows. Where windows are
+    missing the values may be others behind the gap, as where something began to push: each course has a level of its
+    own, and only a change of speed within one tells.
 
     Attributes:
         value: the slope (k,) where it stands out from what is left, in the unit of the values times s/rad; zero
@@ -147,9 +149,9 @@ class SpeedSlope:
         number, missed, rows = self._usable(duration)
         if len(number) < 2 * self._unknown:
             return
-        if not self.length and self._shows_none(number, rows):
+        if not self.length and number[-1] - number[0] == len(number) - 1 and self._shows_none(number, rows):
             return
-        slope, margin = self._regress(rows, missed, *_trend(number))
+        slope, margin = self._regress(number, missed, rows)
         unseen = np.where(np.abs(slope - self.value) > margin, 0.0, self.value)
         self.value = np.where(np.abs(slope) > margin, slope, unseen)
         self.length = math.sqrt(float(self.value @ self.value))
@@ -162,7 +164,7 @@ class SpeedSlope:
         number, missed, rows = self._usable(duration)
         if len(number) < 2 * self._unknown:
             return math.inf
-        margin = self._regress(rows, missed, *_trend(number))[1]
+        margin = self._regress(number, missed, rows)[1]
         return math.hypot(*margin.tolist())  # of a speed of zero its square may be too large for a float
 
     def course(self) -> tuple[Array, Array]:
@@ -203,16 +205,24 @@ class SpeedSlope:
         room[: len(new)] = new
         room[self._waves] = np.concatenate([np.cos(angles), np.sin(angles)])
 
-    def _regress(self, rows: Array, missed: Array, powers: Array, trend: Array) -> tuple[Array, Array]:
+    def _regress(self, number: Array, missed: Array, rows: Array) -> tuple[Array, Array]:
         """Slope (k,), and how large it can be by chance, from rows (w + 1 + k, n): waves, speed, values.
 
-        Of the values as much as `missed` (n,) may be wrong. `powers` (p, n) of time and the `trend` (n, p) that spans
-        them are fitted as well.
+        Of the values as much as `missed` (n,) may be wrong. Powers of time, by the numbers (n,) of the windows, are
+        fitted as well, and a level of each course of them without a gap.
         """
         fitted = len(rows) - 1 - len(self.value)
-        others = np.linalg.qr(np.vstack([powers, rows[:fitted]]).T)[0] if fitted else trend
+        begins = np.flatnonzero(np.diff(number, prepend=-np.inf) != 1.0)
+        if len(begins) > 1:
+            powers = _powers(number - number.mean())[1:]
+            free = _without_levels(np.vstack([powers, rows]), begins)
+            others, rows = np.linalg.qr(free[: len(powers) + fitted].T)[0], free[len(powers) :]
+        elif fitted:
+            others = np.linalg.qr(np.vstack([_uniform_trend(len(number))[0], rows[:fitted]]).T)[0]
+        else:
+            others = _uniform_trend(len(number))[1]
         columns = np.ascontiguousarray(rows[fitted:].T)
-        return self._slope_of(columns - others @ (others.T @ columns), missed)
+        return self._slope_of(columns - others @ (others.T @ columns), missed, self._unknown + len(begins) - 1)
 
     def _rows(self, room: Array, duration: float) -> Array:
         """(w + 1 + k, n) waves, speed and values of windows between the first and the last of a part of the room."""
@@ -268,17 +278,17 @@ class SpeedSlope:
         margin = float(self._quantile(freedom, 1.0 - CHANCE)) * math.sqrt(square / same[0][0] / freedom)
         return abs(slope) < SURELY * margin
 
-    def _slope_of(self, free: Array, missed: Array) -> tuple[Array, Array]:
+    def _slope_of(self, free: Array, missed: Array, unknown: int) -> tuple[Array, Array]:
         """Slope (k,), and how large it can be by chance, from speed and values (n, 1 + k) free of all else.
 
-        What may be `missed` (n,) of the values counts as its standard uncertainty.
+        That are so many unknowns. What may be `missed` (n,) of the values counts as its standard uncertainty.
         """
         speed, values = free[:, 0], free[:, 1:]
         spread = max(float(speed @ speed), _TINY)
         slope = speed @ values / spread
         rest = values.T - slope[:, None] * speed
         squares = np.square(rest).sum(axis=1)
-        freedom = np.maximum(_independent(rest, squares) - self._unknown - 1.0, 1.0)
+        freedom = np.maximum(_independent(rest, squares) - unknown - 1.0, 1.0)
         systematic = float(np.square(speed * missed).sum()) / spread
         deviation = np.sqrt((squares / freedom + systematic) / spread)
         return slope, self._quantile(freedom, 1.0 - CHANCE) * deviation
@@ -315,21 +325,25 @@ def _parts(columns: Array, begin: int, count: int, size: int) -> Array:
     return columns[:, begin : begin + count * size].reshape(len(columns), count, size).swapaxes(0, 1)
 
 
-def _trend(number: Array) -> tuple[Array, Array]:
-    """Powers (TREND + 1, n) of the times of windows by their increasing numbers (n,), and what spans them, (n, …)."""
-    count = len(number)
-    return _uniform_trend(count) if number[-1] - number[0] == count - 1 else _trend_over(number - number.mean())
-
-
 @lru_cache(maxsize=2)
 def _uniform_trend(count: int) -> tuple[Array, Array]:
-    """The same of so many windows without a gap: whoever measures as many needs the same."""
-    return _trend_over(np.arange(count, dtype=np.float64) - 0.5 * (count - 1))
+    """Powers (TREND + 1, n) of the times of so many windows without a gap, and what spans them, (n, TREND + 1).
 
-
-def _trend_over(time: Array) -> tuple[Array, Array]:
-    powers = (time / max(float(np.abs(time).max()), 1.0)) ** np.arange(TREND + 1)[:, None]
+    Whoever measures as many needs the same.
+    """
+    powers = _powers(np.arange(count, dtype=np.float64) - 0.5 * (count - 1))
     return powers, np.linalg.qr(powers.T)[0]
+
+
+def _powers(time: Array) -> Array:
+    """Powers (TREND + 1, n) of times (n,), which are 1 at most."""
+    return np.asarray((time / max(float(np.abs(time).max()), 1.0)) ** np.arange(TREND + 1)[:, None])
+
+
+def _without_levels(rows: Array, begins: NDArray[np.intp]) -> Array:
+    """Rows (r, n) less their mean within each of the parts that begin at some columns."""
+    lengths = np.diff(begins, append=rows.shape[1])
+    return np.asarray(rows - np.repeat(np.add.reduceat(rows, begins, axis=1) / lengths, lengths, axis=1))
 
 
 def _independent(rest: Array, square: Array) -> Array:

@@ -112,6 +112,33 @@ def test_drift_shows_none_where_windows_are_missing():
         assert slope.length == 0.0, seed
 
 
+def test_what_changed_while_nothing_was_seen_shows_none():
+    """Another speed and another place after a second or so without samples: nothing tells that they belong together."""
+    for seed in range(200):
+        generator, slope = np.random.default_rng(seed), SpeedSlope(1000, 2, orders=3)
+        numbers = np.concatenate([np.arange(300), np.arange(300 + generator.integers(2, 400), 1000)])
+        late = numbers >= 300
+        pace, place = generator.uniform(0.5, 6.0, 2), 2e-6 * generator.normal(size=(2, 2))
+        theta = np.where(late, pace[1], pace[0]) * PERIOD * numbers
+        seen = np.where(late, place[:, :1], place[:, 1:]) + 2e-8 * generator.normal(size=(2, len(numbers)))
+        for row in zip(numbers.tolist(), theta.tolist(), *seen.tolist(), strict=True):
+            slope.add(*row)
+        slope.measure(PERIOD)
+        assert slope.length == 0.0, seed
+
+
+def test_a_delay_is_found_on_both_sides_of_what_is_missing():
+    """What a change of speed shows before a gap and behind it, whatever changed in it."""
+    (theta, speed), numbers = swing(1000), np.delete(np.arange(1000), range(350, 500))
+    generator = np.random.default_rng(3)
+    value = 1e-4 * speed + np.where(np.arange(1000) < 400, 3e-5, -4e-5) + 1e-7 * generator.normal(size=1000)
+    slope = SpeedSlope(1000)
+    for number in numbers.tolist():
+        slope.add(number, float(theta[number]), float(value[number]))
+    slope.measure(PERIOD)
+    np.testing.assert_allclose(slope.value, [1e-4], rtol=0.02)
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_only_the_latest_windows_count_however_many_came(seed):
     """To the last bit what a slope shows that was given no others, over windows with gaps."""
