@@ -15,9 +15,9 @@ def add(parser: argparse.ArgumentParser) -> None:
     """Describe the command's arguments."""
     parser.description = (
         "Starts a node for each section of the file (/**/encoder_head_a, /left/compensation, …) with the "
-        "file as its parameters, starts again what ends, and ends all in order on SIGINT, SIGTERM or SIGHUP. Exit code "
-        "2 where a node's input is wrong at its first start or a sensor that the stage lists has no node, 1 where one "
-        "had to be killed at the end."
+        "file as its parameters, starts again what ends, and ends all in order on SIGINT, SIGTERM or SIGHUP, or once "
+        "nobody reads the pipe it writes to any more. Exit code 2 where a node's input is wrong at its first start "
+        "or a sensor that the stage lists has no node, 1 where one had to be killed at the end."
     )
     parser.add_argument("cell", type=Path, help="ROS parameter file, such as a copy of config/real_cell.yaml")
     parser.add_argument("--namespace", default="", help="of all nodes whose section names none, such as /left")

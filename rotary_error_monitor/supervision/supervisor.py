@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import asyncio
 import ctypes
+import os
 import signal
+import stat
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -66,25 +68,40 @@ class Supervisor:
         self._processes: dict[CellNode, asyncio.subprocess.Process] = {}
         self._ending = asyncio.Event()
         self._code = 0
+        self._unread: BrokenPipeError | None = None
 
     async def run(self) -> int:
-        """Keep the cell running until SIGINT, SIGTERM or SIGHUP; give the exit code: 0, 2 after wrong input of a node.
+        """Keep the cell running until SIGINT, SIGTERM or SIGHUP, or until nobody reads the pipe that it writes to.
 
-        1 where a node had to be killed.
+        Returns the exit code: 0, 2 after wrong input of a node, 1 where a node had to be killed.
+
+        Raises:
+            BrokenPipeError: nobody reads what it says any more; all nodes have ended.
         """
         loop = asyncio.get_running_loop()
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             loop.add_signal_handler(number, self._ending.set)
+        _when_unread(loop, self._ending.set)
         keepers = [asyncio.create_task(self._keep(node)) for node in self._nodes]
         await self._ending.wait()
-        self._say("ending the cell")
+        self._tell("ending the cell")
         reckoning = [node for node in self._nodes if node.executable in FIRST]
         recorders = [node for node in self._nodes if node.executable == LAST]
         others = [node for node in self._nodes if node not in reckoning and node not in recorders]
         for group in (reckoning, others, recorders):
             await asyncio.gather(*(self._end(node) for node in group))
         await asyncio.gather(*keepers)
+        if self._unread is not None:
+            raise self._unread
         return self._code
+
+    def _tell(self, text: str) -> None:
+        """Say what there is to tell; where nobody reads it the cell ends, in order."""
+        try:
+            self._say(text)
+        except BrokenPipeError as error:
+            self._unread = error
+            self._ending.set()
 
     async def _keep(self, node: CellNode) -> None:
         """Start a node again and again until the cell ends."""
@@ -92,19 +109,19 @@ class Supervisor:
         while not self._ending.is_set():
             begun = time.monotonic()
             process = self._processes[node] = await self._start(node)
-            self._say(f"{node.name} started{' again' if begun_before else ''}: process {process.pid}")
+            self._tell(f"{node.name} started{' again' if begun_before else ''}: process {process.pid}")
             if self._ending.is_set():  # told to end while it was being started: nobody else knows of it
                 await self._end(node)
             code = await process.wait()
             if self._ending.is_set():
                 return
             if code == BAD_INPUT and not begun_before:
-                self._say(f"{node.name} ended with exit code 2, its input is wrong: see what it said")
+                self._tell(f"{node.name} ended with exit code 2, its input is wrong: see what it said")
                 self._code = BAD_INPUT
                 self._ending.set()
                 return
             wait, begun_before = self._pace.wait(wait, time.monotonic() - begun), True
-            self._say(f"{node.name} ended {_how(code)}; it is started again in {wait:g} s")
+            self._tell(f"{node.name} ended {_how(code)}; it is started again in {wait:g} s")
             try:
                 await asyncio.wait_for(self._ending.wait(), wait)
             except TimeoutError:
@@ -128,7 +145,7 @@ class Supervisor:
         try:
             await asyncio.wait_for(process.wait(), self._pace.patience)
         except TimeoutError:
-            self._say(f"{node.name} did not end within {self._pace.patience:g} s and is killed")
+            self._tell(f"{node.name} did not end within {self._pace.patience:g} s and is killed")
             self._code = self._code or 1
             process.kill()
             await process.wait()
@@ -141,3 +158,21 @@ def _how(code: int) -> str:
 def _end_with_parent() -> None:
     """A supervisor that is killed takes its nodes along (Linux)."""
     ctypes.CDLL(None).prctl(_DEATH_SIGNAL, signal.SIGINT)
+
+
+def _when_unread(loop: asyncio.AbstractEventLoop, call: Callable[[], None]) -> None:
+    """Call once nobody reads the pipe that the output goes to: hours may pass until something is written to it.
+
+    A terminal that closes sends SIGHUP, and files and sockets of a journal stay.
+    """
+
+    def closed() -> None:
+        loop.remove_reader(output)
+        call()
+
+    try:
+        output = sys.stdout.fileno()
+    except OSError:  # kept in memory, as tests do
+        return
+    if stat.S_ISFIFO(os.fstat(output).st_mode):
+        loop.add_reader(output, closed)  # of a pipe that is written to: its error

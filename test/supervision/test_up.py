@@ -100,6 +100,26 @@ def file(tmp_path: Path) -> Path:
     return path
 
 
+def test_a_cell_whose_output_nobody_reads_any_more_ends(cell: Cell, tmp_path: Path, file: Path) -> None:
+    """As behind `| head -1`, with nothing to say that would break the pipe."""
+    environment = {**os.environ, "ROS_DOMAIN_ID": str(cell.node.context.get_domain_id())}
+    command = [sys.executable, "-c", UP, "up", str(file)]
+    with (tmp_path / "errors").open("w") as errors:
+        up = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True, env=environment)
+    try:
+        assert up.stdout is not None
+        said = [up.stdout.readline()]
+        while "recorder started" not in said[-1]:
+            said.append(up.stdout.readline())
+        nodes = [int(number) for number in re.findall(r"process (\d+)", "".join(said))]
+        up.stdout.close()
+        assert up.wait(60) == 128 + signal.SIGPIPE
+    finally:
+        up.kill()
+        up.wait()
+    assert len(nodes) == 4 and not any(map(_is_there, nodes))
+
+
 def test_what_is_killed_comes_back_and_all_ends_in_order(cell: Cell, tmp_path: Path, file: Path) -> None:
     estimates = cell.collect(cell.wire.topic("error_motion_samples"))
     with started(cell, tmp_path, UP, "up", str(file)) as up:
