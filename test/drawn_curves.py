@@ -6,15 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from rotary_error_monitor.description.stage import (
-    AngularHarmonic,
-    AngularTable,
-    Mirror,
-    PlanarHarmonic,
-    PlanarTable,
-    StageDescription,
-    load_stage,
-)
+from rotary_error_monitor.description.harmonics import AngularHarmonic, PlanarHarmonic
+from rotary_error_monitor.description.periodic_tables import AngularTable, PlanarTable
+from rotary_error_monitor.description.stage import StageDescription, load_stage
+from rotary_error_monitor.description.stage_section import Mirror
 from rotary_error_monitor.metrology.periodic_curves import interpolation_bound
 
 ANGLES = 180

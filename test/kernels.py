@@ -10,15 +10,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rotary_error_monitor.description.machine import (
-    DIRECTIONS,
+from rotary_error_monitor.description.machine import DIRECTIONS, MachineDescription
+from rotary_error_monitor.description.machine_parts import (
     Axis,
     Body,
     Displacement,
     ErrorComponent,
     ErrorTable,
     Harmonic,
-    MachineDescription,
 )
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.libraries import VARIABLE, room_library

@@ -13,16 +13,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.signal import lfilter
 
-from rotary_error_monitor.description.stage import (
-    AngularHarmonic,
-    Autocollimator,
-    Encoder,
-    ListedSensor,
-    Mirror,
-    PlanarHarmonic,
-    Spindle,
-    StageDescription,
-)
+from rotary_error_monitor.description.harmonics import AngularHarmonic, PlanarHarmonic
+from rotary_error_monitor.description.listed_sensors import ListedSensor
+from rotary_error_monitor.description.spindle_section import Spindle
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.stage_section import Encoder, Mirror
+from rotary_error_monitor.description.two_axis_section import Autocollimator
 from rotary_error_monitor.signals.blocks import block_from_samples
 
 START = 1_763_700_000_000_000_000

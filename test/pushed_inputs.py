@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
-from rotary_error_monitor.pipeline.compensation import CompensationOutput, Compensator
+from rotary_error_monitor.pipeline.compensation import Compensator
+from rotary_error_monitor.pipeline.corrections import CompensationOutput
 from rotary_error_monitor.pipeline.estimation import Estimator
 from rotary_error_monitor.signals.blocks import SampleBlock
 

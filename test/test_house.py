@@ -6,19 +6,17 @@ import ast
 import re
 from collections.abc import Iterator
 from dataclasses import fields
-from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from house import PACKAGE, imports, modules, tree_of
 
-import rotary_error_monitor
 from rotary_error_monitor.description.wire import TIME_COLUMN, load_wire
 from rotary_error_monitor.metrology.error_motion import COMPONENTS, ErrorMotion
 from rotary_error_monitor.pipeline.corrections import OFFSET
 from rotary_error_monitor.signals import blocks
 
-PACKAGE = Path(rotary_error_monitor.__file__).parent
 DOCUMENT = (Path(__file__).parents[1] / "doc" / "architecture.md").read_text(encoding="utf-8")
 """The plan of the house: a row a room, with what it imports and which libraries are its own."""
 
@@ -32,31 +30,6 @@ ROOMS = {
 }
 LIBRARIES = sorted({library for *_, own in ROWS for library in own.split(", ") if library})
 ONLY_IN = {library: {room for room, *_, own in ROWS if library in own.split(", ")} for library in LIBRARIES}
-
-
-def modules() -> Iterator[tuple[str, Path]]:
-    for path in sorted(PACKAGE.rglob("*.py")):
-        inside = path.relative_to(PACKAGE)
-        yield inside.parts[0] if len(inside.parts) > 1 else inside.stem, path
-
-
-@cache
-def tree_of(path: Path) -> ast.Module:
-    return ast.parse(path.read_text(encoding="utf-8"))
-
-
-@cache
-def imports(path: Path) -> set[str]:
-    """Names that a file imports, those that only types need as well."""
-    found = set()
-    for node in ast.walk(tree_of(path)):
-        if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path}: relative import; the house spells rooms out"
-            assert node.module is not None
-            found |= {f"{node.module}.{alias.name}" for alias in node.names}
-    return found
 
 
 def rooms_of(names: set[str]) -> set[str]:

@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import Parameter, Values
-from rotary_error_monitor.effects.rotor import Array, RotorState, StageEffect
+from rotary_error_monitor.effects.rotor import RotorState, StageEffect
 
 
 class OilFilm(StageEffect):

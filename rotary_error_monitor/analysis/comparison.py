@@ -12,7 +12,7 @@ import numpy as np
 
 from rotary_error_monitor.analysis.rotation import ArrayCourse, RotationCourse, span_of
 from rotary_error_monitor.arrays import Array, Times
-from rotary_error_monitor.description.stage import Lvdt
+from rotary_error_monitor.description.two_axis_section import Lvdt
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.error_motion import ErrorMotion, rotate
 from rotary_error_monitor.metrology.lvdt_comparison import MAX_GAP_NS, LvdtAgreement, LvdtComparison, compare_with_lvdt

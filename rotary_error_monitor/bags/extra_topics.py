@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from rotary_error_monitor.bags.writer import BagTopic
-from rotary_error_monitor.description.wire import Qos
+from rotary_error_monitor.description.wire_section import Qos
 from rotary_error_monitor.errors import InputError, excerpt
 
 ANY_PUBLISHER = Qos("best_effort", "volatile", "keep_last", 1000)

@@ -15,7 +15,7 @@ import yaml
 from mcap.records import Channel
 
 from rotary_error_monitor.bags.marks import METADATA
-from rotary_error_monitor.description.wire import Qos
+from rotary_error_monitor.description.wire_section import Qos
 from rotary_error_monitor.description.yaml_files import parse_yaml, read_yaml
 from rotary_error_monitor.errors import InputError, excerpt
 from rotary_error_monitor.files import exists

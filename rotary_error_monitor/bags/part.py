@@ -13,7 +13,7 @@ from mcap.writer import CompressionType, Writer
 
 from rotary_error_monitor.bags.metadata import FileEntry, channel_metadata, qos_profiles
 from rotary_error_monitor.bags.storage import RecordFile, Reserve
-from rotary_error_monitor.description.wire import Qos
+from rotary_error_monitor.description.wire_section import Qos
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 
 CHUNK_SIZE = 1 << 20

@@ -21,7 +21,8 @@ from rotary_error_monitor.bags.part import BagPart, Recordable
 from rotary_error_monitor.bags.storage import RecordFile, Reserve
 from rotary_error_monitor.codec.contents import TYPES, Content, complete_ns
 from rotary_error_monitor.codec.messages import encode
-from rotary_error_monitor.description.wire import Qos, Wire
+from rotary_error_monitor.description.wire import Wire
+from rotary_error_monitor.description.wire_section import Qos
 from rotary_error_monitor.errors import InputError
 
 RESERVE = ".reserve"

@@ -18,13 +18,13 @@ from rotary_error_monitor.cases.draws import machine_faults, stage_faults
 from rotary_error_monitor.cases.faults import UnsuitableSeedError
 from rotary_error_monitor.cases.making import MachineCase, StageCase, make_machine_case, make_stage_case
 from rotary_error_monitor.codec.contents import JointState, PointStamped, Temperature
-from rotary_error_monitor.description.machine import MachineDescription, machine_from_mapping
+from rotary_error_monitor.description.machine import MachineDescription, machine_from_mapping, machine_mapping
+from rotary_error_monitor.description.stage import stage_mapping
 from rotary_error_monitor.description.topics import samples_topic, topic_named
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant.motion import motion_in_use, random_motion
 from rotary_error_monitor.plant.noise_forms import FORMS
 from rotary_error_monitor.signals.blocks import NANOSECONDS
-from rotary_error_monitor.twin.document import machine_mapping, stage_mapping
 
 Family = Literal["stage", "machine"]
 

@@ -24,10 +24,12 @@ from rotary_error_monitor.cases.faults import make_fault
 from rotary_error_monitor.cases.making import MachineCase, StageCase
 from rotary_error_monitor.cases.response import INPUTS, TRACKER_NOISE, noise_of, times_of
 from rotary_error_monitor.description.machine import MachineDescription
-from rotary_error_monitor.description.stage import Turbulence
+from rotary_error_monitor.description.two_axis_section import Turbulence
 from rotary_error_monitor.machine.uncertainty import uncertain_shifts
+from rotary_error_monitor.plant.clocks import HEAD
 from rotary_error_monitor.plant.machine import MachineFault, MachinePlant
-from rotary_error_monitor.plant.stage import HEAD, Fault, StagePlant
+from rotary_error_monitor.plant.scene import Fault
+from rotary_error_monitor.plant.stage import StagePlant
 from rotary_error_monitor.twin.stage_parameters import uncertain_parameters
 
 Parts = tuple[Part, ...]

@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.calibration.steps import Job
-from rotary_error_monitor.description.machine import Body, Displacement, MachineDescription, Vector
+from rotary_error_monitor.description.machine import MachineDescription
+from rotary_error_monitor.description.machine_parts import Body, Displacement, Vector
 from rotary_error_monitor.errors import InputError, told_of
 from rotary_error_monitor.machine.location_names import SPINDLE
 from rotary_error_monitor.machine.topology import branches, way

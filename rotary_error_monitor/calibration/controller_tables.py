@@ -16,7 +16,8 @@ from typing import Literal
 import numpy as np
 
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.description.machine import Axis, MachineDescription
+from rotary_error_monitor.description.machine import MachineDescription
+from rotary_error_monitor.description.machine_parts import Axis
 from rotary_error_monitor.errors import InputError, excerpt
 from rotary_error_monitor.files import MOST_LINES, lines_of, read_text
 from rotary_error_monitor.machine.components import arrange_components

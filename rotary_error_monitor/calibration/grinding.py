@@ -15,7 +15,8 @@ import numpy as np
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.calibration.straightness_doubts import LEAST_OF_TRAVEL
-from rotary_error_monitor.description.machine import Axis, MachineDescription
+from rotary_error_monitor.description.machine import MachineDescription
+from rotary_error_monitor.description.machine_parts import Axis
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.files import MOST_LINES
 from rotary_error_monitor.machine.components import arrange_components

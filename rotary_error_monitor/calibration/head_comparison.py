@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.description.stage import AngularHarmonic, StageDescription
+from rotary_error_monitor.description.harmonics import AngularHarmonic
+from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.metrology.error_motion import rotate
 from rotary_error_monitor.metrology.harmonics import angular_sum, planar_sum
 from rotary_error_monitor.metrology.mirror_assembly import MirrorAssembly

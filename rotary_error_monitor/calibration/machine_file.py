@@ -13,15 +13,13 @@ from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.calibration.yaml_document import YamlDocument, number, numbers
 from rotary_error_monitor.calibration.yaml_text import Rows
 from rotary_error_monitor.description.machine import (
-    Axis,
-    ErrorComponent,
-    Harmonic,
     MachineDescription,
     component_section,
     load_machine,
     machine_from_mapping,
     machine_mapping,
 )
+from rotary_error_monitor.description.machine_parts import Axis, ErrorComponent, Harmonic
 from rotary_error_monitor.description.provenance import Calibrated
 from rotary_error_monitor.description.sections import write
 from rotary_error_monitor.errors import InputError

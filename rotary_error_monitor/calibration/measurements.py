@@ -19,7 +19,7 @@ import numpy as np
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.column_layout import ColumnLayout
 from rotary_error_monitor.description.csv_tables import Column, Table, read_table
-from rotary_error_monitor.description.machine import Axis
+from rotary_error_monitor.description.machine_parts import Axis
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.positioning import PositioningRuns, estimate_deviations
 from rotary_error_monitor.metrology.repeated_runs import Run

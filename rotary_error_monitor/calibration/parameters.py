@@ -9,14 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.description.machine import (
-    DIRECTIONS,
-    Axis,
-    Displacement,
-    Harmonic,
-    MachineDescription,
-    Vector,
-)
+from rotary_error_monitor.description.machine import DIRECTIONS, MachineDescription
+from rotary_error_monitor.description.machine_parts import Axis, Displacement, Harmonic, Vector
 from rotary_error_monitor.errors import InputError
 
 

@@ -20,7 +20,8 @@ from rotary_error_monitor.calibration.verdict import CalibrationVerdict, judge_c
 from rotary_error_monitor.calibration.volume import Limits
 from rotary_error_monitor.calibration.yaml_document import hash_source
 from rotary_error_monitor.description.column_layout import ColumnLayout
-from rotary_error_monitor.description.machine import DIRECTIONS, VOLUMETRIC, Axis, MachineDescription
+from rotary_error_monitor.description.machine import DIRECTIONS, VOLUMETRIC, MachineDescription
+from rotary_error_monitor.description.machine_parts import Axis
 from rotary_error_monitor.description.provenance import Calibrated
 from rotary_error_monitor.errors import InputError, told_of
 from rotary_error_monitor.machine.components import arrange_components

@@ -11,7 +11,7 @@ import numpy as np
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.calibration.steps import share_of_travel
 from rotary_error_monitor.calibration.straightness_runs import Placed
-from rotary_error_monitor.description.machine import Axis
+from rotary_error_monitor.description.machine_parts import Axis
 from rotary_error_monitor.metrology.overlaps import contradicting
 from rotary_error_monitor.metrology.profile_range import NORMAL_95, range_bounds
 from rotary_error_monitor.metrology.run_agreement import (

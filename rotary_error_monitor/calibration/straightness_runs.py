@@ -11,7 +11,7 @@ import numpy as np
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.calibration.measurements import Placement, read_straightness
 from rotary_error_monitor.description.column_layout import ColumnLayout
-from rotary_error_monitor.description.machine import Axis
+from rotary_error_monitor.description.machine_parts import Axis
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.reference_mirror import Mirror, Segment
 from rotary_error_monitor.metrology.repeated_runs import RepeatedRuns, Run, combine_runs

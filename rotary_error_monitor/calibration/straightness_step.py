@@ -13,7 +13,8 @@ from rotary_error_monitor.calibration.steps import Job
 from rotary_error_monitor.calibration.straightness_doubts import Doubts, find_doubts, unit_doubts
 from rotary_error_monitor.calibration.straightness_runs import Measured, Placed, Reading, measure_straightness
 from rotary_error_monitor.description.column_layout import ColumnLayout
-from rotary_error_monitor.description.machine import Axis, MachineDescription
+from rotary_error_monitor.description.machine import MachineDescription
+from rotary_error_monitor.description.machine_parts import Axis
 from rotary_error_monitor.errors import InputError, told_of
 from rotary_error_monitor.metrology.guideway_compensation import RotatedCurve, rotate_monotone
 from rotary_error_monitor.metrology.profile_comparison import ProfileComparison, compare_profiles

@@ -10,16 +10,11 @@ import numpy as np
 
 from rotary_error_monitor.cases.faults import UNNAMED, VOCABULARY, Named, make_fault
 from rotary_error_monitor.cases.faults.axes import AxisFault
-from rotary_error_monitor.description.stage import (
-    AngularHarmonic,
-    Autocollimator,
-    Encoder,
-    Lvdt,
-    Mirror,
-    PlanarHarmonic,
-    Spindle,
-    StageDescription,
-)
+from rotary_error_monitor.description.harmonics import AngularHarmonic, PlanarHarmonic
+from rotary_error_monitor.description.spindle_section import Spindle
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.stage_section import Encoder, Mirror
+from rotary_error_monitor.description.two_axis_section import Autocollimator, Lvdt
 
 ARCSEC = np.pi / 180 / 3600
 DURATION = 40.0  # s, of a recording

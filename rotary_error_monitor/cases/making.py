@@ -30,14 +30,17 @@ from rotary_error_monitor.cases.roughness import (
     vary_stage,
 )
 from rotary_error_monitor.description.machine import MachineDescription
-from rotary_error_monitor.description.stage import StageDescription, Turbulence
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.two_axis_section import Turbulence
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.plant.clocks import HEAD, STREAMS
 from rotary_error_monitor.plant.environment import Forces, Temperature, intermittent_forces
 from rotary_error_monitor.plant.machine import MachinePlant, Poses
 from rotary_error_monitor.plant.motion import Motion, random_motion, reversing_motion
 from rotary_error_monitor.plant.noise import Noise
 from rotary_error_monitor.plant.noise_forms import NoiseForm, draw_noise
-from rotary_error_monitor.plant.stage import HEAD, STREAMS, Fault, StagePlant
+from rotary_error_monitor.plant.scene import Fault
+from rotary_error_monitor.plant.stage import StagePlant
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock, block_from_samples
 
 EPOCH_NS = 1_763_700_000 * NANOSECONDS

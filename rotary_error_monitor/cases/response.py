@@ -15,8 +15,10 @@ from rotary_error_monitor.cases.faults.instruments import HeadMissedCounts
 from rotary_error_monitor.cases.faults.named import Named
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.topics import samples_topic, topic_named
+from rotary_error_monitor.plant.clocks import fields_of
 from rotary_error_monitor.plant.machine import MachineFault, MachinePlant, Poses
-from rotary_error_monitor.plant.stage import Fault, StagePlant, fields_of
+from rotary_error_monitor.plant.scene import Fault
+from rotary_error_monitor.plant.stage import StagePlant
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 
 TRACKER_NOISE = 1.5e-6  # m

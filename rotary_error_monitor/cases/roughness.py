@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.cases.faults import make_fault
-from rotary_error_monitor.description.machine import ErrorComponent, MachineDescription
-from rotary_error_monitor.description.stage import PlanarHarmonic, StageDescription
+from rotary_error_monitor.description.harmonics import PlanarHarmonic
+from rotary_error_monitor.description.machine import MachineDescription
+from rotary_error_monitor.description.machine_parts import ErrorComponent
+from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.plant.machine import MachineFault
 from rotary_error_monitor.plant.noise import Noise
 from rotary_error_monitor.signals.blocks import SampleBlock

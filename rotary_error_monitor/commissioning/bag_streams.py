@@ -8,11 +8,9 @@ import numpy as np
 
 from rotary_error_monitor.bags.naming import THE_ONLY_CELL, Naming
 from rotary_error_monitor.bags.reader import BagReader
-from rotary_error_monitor.commissioning.command import COMMAND
-from rotary_error_monitor.commissioning.commission import AUTOCOLLIMATOR, FORCE
 from rotary_error_monitor.commissioning.streams import Recorded, Stream, join_blocks
 from rotary_error_monitor.description.stage import StageDescription
-from rotary_error_monitor.description.streams import LVDT
+from rotary_error_monitor.description.streams import AUTOCOLLIMATOR, COMMAND, FORCE, LVDT
 from rotary_error_monitor.description.wire import wire_of
 from rotary_error_monitor.metrology.forces import joined_force, load_cell
 

@@ -9,7 +9,7 @@ import numpy as np
 from rotary_error_monitor.commissioning.heads import ROUNDS, Angles, HeadResponse, earlier, loose, straight_part
 from rotary_error_monitor.commissioning.response_fit import basis, fit_response
 from rotary_error_monitor.description.stage import StageDescription
-from rotary_error_monitor.description.streams import COMMAND as COMMAND
+from rotary_error_monitor.description.streams import COMMAND
 from rotary_error_monitor.metrology.shaft_recording import record_shaft
 from rotary_error_monitor.units import TURN
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rotary_error_monitor.commissioning.command import COMMAND, fit_command
+from rotary_error_monitor.commissioning.command import fit_command
 from rotary_error_monitor.commissioning.findings import Finding, findings_of, noise_and_step
 from rotary_error_monitor.commissioning.found import Found, Shown, Stated, known_hand, origin_of, parameters
 from rotary_error_monitor.commissioning.heads import Angles, angles_of, head_response
@@ -24,8 +24,7 @@ from rotary_error_monitor.commissioning.streams import Recorded, Stream, StreamF
 from rotary_error_monitor.commissioning.tilt import fit_tilt, log_hand
 from rotary_error_monitor.commissioning.units import Unit, tilt_units
 from rotary_error_monitor.description.stage import StageDescription
-from rotary_error_monitor.description.streams import AUTOCOLLIMATOR as AUTOCOLLIMATOR
-from rotary_error_monitor.description.streams import FORCE as FORCE
+from rotary_error_monitor.description.streams import AUTOCOLLIMATOR, COMMAND, FORCE
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.encoder_heads import LEAST_SEEN, seen_part
 

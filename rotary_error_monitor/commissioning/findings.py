@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rotary_error_monitor.commissioning.command import COMMAND
 from rotary_error_monitor.commissioning.found import Found, FoundTilt, Shown
 from rotary_error_monitor.commissioning.layouts import Layout, Weighed
 from rotary_error_monitor.commissioning.streams import Recorded, StreamFigures
 from rotary_error_monitor.commissioning.units import RADIAN, Unit
 from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.streams import COMMAND
 from rotary_error_monitor.metrology.distributions import chi_square_tail
 from rotary_error_monitor.units import ANGLE_UNITS
 

@@ -9,13 +9,15 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.commissioning.command import COMMAND, CommandFit
+from rotary_error_monitor.commissioning.command import CommandFit
 from rotary_error_monitor.commissioning.heads import Angles, HeadResponse, straight_part
 from rotary_error_monitor.commissioning.layouts import Layout, turned_over
 from rotary_error_monitor.commissioning.ring_model import RingFit, RingPrior
 from rotary_error_monitor.commissioning.stated_curves import mirror_rows, ring_level
 from rotary_error_monitor.commissioning.tilt import Axes, TiltResponse, amplitudes, known_axes, turned
-from rotary_error_monitor.description.stage import AngularHarmonic, StageDescription
+from rotary_error_monitor.description.harmonics import AngularHarmonic
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.streams import COMMAND
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 from rotary_error_monitor.units import TURN
 

@@ -15,12 +15,13 @@ from rotary_error_monitor.calibration.stage_document import in_file, kept_figure
 from rotary_error_monitor.calibration.yaml_document import YamlDocument, hash_source, number
 from rotary_error_monitor.calibration.yaml_text import Rows
 from rotary_error_monitor.commissioning.bag_streams import read_streams
-from rotary_error_monitor.commissioning.commission import AUTOCOLLIMATOR, Commissioning, commission
+from rotary_error_monitor.commissioning.commission import Commissioning, commission
 from rotary_error_monitor.commissioning.findings import is_louder
 from rotary_error_monitor.commissioning.found import Stated, Value
 from rotary_error_monitor.description.provenance import Calibrated
 from rotary_error_monitor.description.sections import locate
 from rotary_error_monitor.description.stage import StageDescription, load_stage
+from rotary_error_monitor.description.streams import AUTOCOLLIMATOR
 from rotary_error_monitor.description.table_files import FLATNESS, GRADUATION
 from rotary_error_monitor.description.two_axis_section import DISTORTIONS
 from rotary_error_monitor.errors import InputError

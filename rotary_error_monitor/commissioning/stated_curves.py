@@ -15,7 +15,8 @@ from rotary_error_monitor.commissioning.heads import HIGHEST
 from rotary_error_monitor.commissioning.layouts import Weighed, turned_over
 from rotary_error_monitor.commissioning.response_fit import Response
 from rotary_error_monitor.commissioning.ring_model import RingFit, RingPrior, fit_ring, orders_of
-from rotary_error_monitor.description.stage import PlanarHarmonic, StageDescription
+from rotary_error_monitor.description.harmonics import PlanarHarmonic
+from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.table_files import FLATNESS, GRADUATION
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.distributions import chi_square_tail

@@ -22,7 +22,8 @@ from rotary_error_monitor.commissioning.heads import ROUNDS, Angles, HeadRespons
 from rotary_error_monitor.commissioning.response_fit import FEW, basis, fit_response, smooth_by_correlation
 from rotary_error_monitor.commissioning.stated_curves import mirror_doubt, mirror_rows
 from rotary_error_monitor.commissioning.streams import Stream
-from rotary_error_monitor.description.stage import PlanarHarmonic, StageDescription
+from rotary_error_monitor.description.harmonics import PlanarHarmonic
+from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.rotation_fit import highest_order
 from rotary_error_monitor.metrology.shaft_recording import record_shaft

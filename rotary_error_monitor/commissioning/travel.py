@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.commissioning.command import COMMAND
 from rotary_error_monitor.commissioning.heads import in_radians, motion_of
 from rotary_error_monitor.commissioning.streams import Stream
 from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.streams import COMMAND
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 from rotary_error_monitor.units import TURN

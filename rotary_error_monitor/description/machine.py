@@ -8,23 +8,24 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from rotary_error_monitor.description.machine_limits import MachineLimits
-from rotary_error_monitor.description.machine_parts import ZERO as ZERO
-from rotary_error_monitor.description.machine_parts import Axis as Axis
-from rotary_error_monitor.description.machine_parts import Body as Body
-from rotary_error_monitor.description.machine_parts import BodySection, PoseSection
-from rotary_error_monitor.description.machine_parts import Displacement as Displacement
-from rotary_error_monitor.description.machine_parts import ErrorComponent as ErrorComponent
-from rotary_error_monitor.description.machine_parts import ErrorTable as ErrorTable
-from rotary_error_monitor.description.machine_parts import Harmonic as Harmonic
-from rotary_error_monitor.description.machine_parts import Vector as Vector
+from rotary_error_monitor.description.machine_parts import (
+    Axis,
+    Body,
+    BodySection,
+    Displacement,
+    ErrorComponent,
+    Harmonic,
+    PoseSection,
+    Vector,
+)
 from rotary_error_monitor.description.machine_section import (
-    BASE,
     ComponentSection,
     MachineSection,
     ParameterSection,
     TableSection,
     TreeSection,
 )
+from rotary_error_monitor.description.machine_tree import BASE
 from rotary_error_monitor.description.quantities import REFERENCE_TEMPERATURE
 from rotary_error_monitor.description.sections import from_content, load, write
 from rotary_error_monitor.errors import InputError, excerpt

@@ -23,7 +23,6 @@ from rotary_error_monitor.description.machine_parts import (
     Smooth,
     not_rising,
 )
-from rotary_error_monitor.description.machine_tree import BASE as BASE
 from rotary_error_monitor.description.machine_tree import wrong_tree
 from rotary_error_monitor.description.provenance import Calibrated
 from rotary_error_monitor.description.quantities import (

@@ -7,43 +7,41 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from rotary_error_monitor.description.harmonics import AngularHarmonic as AngularHarmonic
-from rotary_error_monitor.description.harmonics import PlanarHarmonic as PlanarHarmonic
-from rotary_error_monitor.description.listed_sensors import ListedSensor as ListedSensor
-from rotary_error_monitor.description.listed_sensors import listed_sensors, name_of, sensors_section, stream_of
-from rotary_error_monitor.description.periodic_tables import AngularTable as AngularTable
-from rotary_error_monitor.description.periodic_tables import PeriodicTable as PeriodicTable
-from rotary_error_monitor.description.periodic_tables import PlanarTable as PlanarTable
+from rotary_error_monitor.description.listed_sensors import (
+    ListedSensor,
+    listed_sensors,
+    name_of,
+    sensors_section,
+    stream_of,
+)
+from rotary_error_monitor.description.periodic_tables import PeriodicTable
 from rotary_error_monitor.description.quantities import REFERENCE_TEMPERATURE
-from rotary_error_monitor.description.response import IDEAL
-from rotary_error_monitor.description.response import Response as Response
+from rotary_error_monitor.description.response import IDEAL, Response
 from rotary_error_monitor.description.sections import extended, narrowed, read, write
 from rotary_error_monitor.description.sensor_section import PLACE_TEMPERATURE, SHAFT_FORCE
-from rotary_error_monitor.description.spindle_section import Spindle as Spindle
+from rotary_error_monitor.description.spindle_section import Spindle
 from rotary_error_monitor.description.stage_limits import StageLimits, derive_limits
 from rotary_error_monitor.description.stage_section import (
     CommandSection,
+    Encoder,
     EncoderSection,
     Environment,
     Head,
+    Mirror,
     StageSection,
     angle_rows,
     command_rows,
 )
-from rotary_error_monitor.description.stage_section import Encoder as Encoder
-from rotary_error_monitor.description.stage_section import Mirror as Mirror
-from rotary_error_monitor.description.streams import FORCE as FORCE
 from rotary_error_monitor.description.table_files import with_tables
 from rotary_error_monitor.description.two_axis_section import (
     DISTORTIONS,
     RESPONSES,
+    Autocollimator,
     AutocollimatorSection,
+    Lvdt,
     LvdtSection,
     two_axis_rows,
 )
-from rotary_error_monitor.description.two_axis_section import Autocollimator as Autocollimator
-from rotary_error_monitor.description.two_axis_section import Lvdt as Lvdt
-from rotary_error_monitor.description.two_axis_section import Turbulence as Turbulence
 from rotary_error_monitor.description.yaml_files import read_yaml
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.resources import config

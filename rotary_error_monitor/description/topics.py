@@ -6,7 +6,8 @@ import re
 from dataclasses import dataclass
 from functools import cache
 
-from rotary_error_monitor.description.wire import HEAD, SENSOR, Topic, Wire, load_wire
+from rotary_error_monitor.description.definition_files import SENSOR
+from rotary_error_monitor.description.wire import HEAD, Topic, Wire, load_wire
 from rotary_error_monitor.errors import InputError
 
 

@@ -7,16 +7,11 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from rotary_error_monitor.description.definition_files import SENSOR as SENSOR
-from rotary_error_monitor.description.definition_files import definitions
+from rotary_error_monitor.description.definition_files import SENSOR, definitions
 from rotary_error_monitor.description.listed_sensors import kind_of_stream, pose_streams, quantity
 from rotary_error_monitor.description.sections import extended
 from rotary_error_monitor.description.stage import StageDescription
-from rotary_error_monitor.description.wire_section import SAMPLE_BLOCK as SAMPLE_BLOCK
-from rotary_error_monitor.description.wire_section import Channel
-from rotary_error_monitor.description.wire_section import Field as Field
-from rotary_error_monitor.description.wire_section import Qos as Qos
-from rotary_error_monitor.description.wire_section import Service as Service
+from rotary_error_monitor.description.wire_section import Channel, Field, Service
 from rotary_error_monitor.errors import InputError
 
 HEAD = "{head}"

@@ -8,9 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.description.stage import PlanarHarmonic, StageDescription
+from rotary_error_monitor.description.harmonics import PlanarHarmonic
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.streams import AUTOCOLLIMATOR
 from rotary_error_monitor.effects.effect import Parameter, Values, planar_wave_of_order
-from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, ComponentGain, RotorState, StageEffect
+from rotary_error_monitor.effects.rotor import ComponentGain, RotorState, StageEffect
 
 
 class AutocollimatorGain(ComponentGain):

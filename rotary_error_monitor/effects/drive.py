@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.description.streams import COMMAND
 from rotary_error_monitor.effects.effect import Parameter, Values, wave_of_order
-from rotary_error_monitor.effects.rotor import COMMAND, RotorState, StageEffect
+from rotary_error_monitor.effects.rotor import RotorState, StageEffect
 
 
 class ReversalBacklash(StageEffect):

@@ -10,9 +10,11 @@ from typing import Self
 import numpy as np
 
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.description.stage import AngularHarmonic, StageDescription
+from rotary_error_monitor.description.harmonics import AngularHarmonic
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.streams import COMMAND
 from rotary_error_monitor.effects.effect import Parameter, Role, Searched, Values, wave_of_order
-from rotary_error_monitor.effects.rotor import COMMAND, HEAD, RotorState, StageEffect
+from rotary_error_monitor.effects.rotor import HEAD, RotorState, StageEffect
 
 _FLATTEST = 0.01
 """Least slope of the reading over the angle: a larger error turns it back, and no one angle can be told from it."""

@@ -9,8 +9,9 @@ from typing import ClassVar
 import numpy as np
 
 from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.description.harmonics import AngularHarmonic, PlanarHarmonic
 from rotary_error_monitor.description.listed_sensors import ListedSensor
-from rotary_error_monitor.description.stage import AngularHarmonic, PlanarHarmonic, StageDescription
+from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.effect import Values, place_of
 from rotary_error_monitor.effects.rotor import LISTED, RotorState, StageEffect, fits
 

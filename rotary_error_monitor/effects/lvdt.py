@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.streams import LVDT
 from rotary_error_monitor.effects.effect import Parameter, Values
-from rotary_error_monitor.effects.rotor import LVDT, ComponentGain, StageEffect
+from rotary_error_monitor.effects.rotor import ComponentGain, StageEffect
 
 
 class LvdtGain(ComponentGain):

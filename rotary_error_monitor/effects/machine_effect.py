@@ -8,7 +8,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from rotary_error_monitor.description.machine import Displacement, Harmonic, MachineDescription
+from rotary_error_monitor.description.machine import MachineDescription
+from rotary_error_monitor.description.machine_parts import Displacement, Harmonic
 from rotary_error_monitor.effects.effect import Effect, Searched, Values
 
 LINEAR = "linear"

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from rotary_error_monitor.description.machine import Harmonic, MachineDescription
+from rotary_error_monitor.description.machine import MachineDescription
+from rotary_error_monitor.description.machine_parts import Harmonic
 from rotary_error_monitor.effects.effect import Parameter, Searched, Values, wave_of_order
 from rotary_error_monitor.effects.machine_effect import ROTARY, MachineEffect, axes_of, moved, with_positioning_error
 

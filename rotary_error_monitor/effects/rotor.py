@@ -8,11 +8,11 @@ from typing import ClassVar, Self, TypeVar
 
 import numpy as np
 
-from rotary_error_monitor.arrays import Array as Array  # for effects of other packages
-from rotary_error_monitor.description.stage import ListedSensor, PlanarHarmonic, StageDescription
-from rotary_error_monitor.description.streams import AUTOCOLLIMATOR as AUTOCOLLIMATOR
-from rotary_error_monitor.description.streams import COMMAND as COMMAND
-from rotary_error_monitor.description.streams import LVDT as LVDT
+from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.description.harmonics import PlanarHarmonic
+from rotary_error_monitor.description.listed_sensors import ListedSensor
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.streams import AUTOCOLLIMATOR, COMMAND, LVDT
 from rotary_error_monitor.effects.effect import Effect, Parameter, Searched, Values
 
 HEAD = "head"

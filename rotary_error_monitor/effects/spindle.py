@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.description.stage import AngularHarmonic, StageDescription
+from rotary_error_monitor.description.harmonics import AngularHarmonic
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.streams import AUTOCOLLIMATOR, LVDT
 from rotary_error_monitor.effects.autocollimator import planar_row
 from rotary_error_monitor.effects.effect import (
     Estimate,
@@ -23,7 +25,7 @@ from rotary_error_monitor.effects.effect import (
     planar_wave_of_order,
     wave_of_order,
 )
-from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, HEAD, LISTED, LVDT, RotorState, StageEffect
+from rotary_error_monitor.effects.rotor import HEAD, LISTED, RotorState, StageEffect
 
 
 class SpindleRadial(StageEffect):

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+from rotary_error_monitor.description.harmonics import PlanarHarmonic
 from rotary_error_monitor.description.listed_sensors import ListedSensor
-from rotary_error_monitor.description.stage import PlanarHarmonic
 from rotary_error_monitor.effects.autocollimator import planar_row
 from rotary_error_monitor.effects.effect import Parameter, Values, planar_wave_of_order
 from rotary_error_monitor.effects.listed import ListedDrift, ListedEffect, ListedForm, ListedGain, ListedZero

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.description.machine import WHOLE_MACHINE, Body, Displacement, MachineDescription
+from rotary_error_monitor.description.machine import WHOLE_MACHINE, MachineDescription
+from rotary_error_monitor.description.machine_parts import Body, Displacement
 from rotary_error_monitor.machine.error_model import (
     CheckedPoses,
     actual_errors,

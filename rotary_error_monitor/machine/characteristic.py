@@ -13,15 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from rotary_error_monitor.description.machine import (
-    DIRECTIONS,
-    Axis,
-    Body,
-    Displacement,
-    ErrorComponent,
-    MachineDescription,
-)
-from rotary_error_monitor.description.machine_section import BASE
+from rotary_error_monitor.description.machine import DIRECTIONS, MachineDescription
+from rotary_error_monitor.description.machine_parts import Axis, Body, Displacement, ErrorComponent
+from rotary_error_monitor.description.machine_tree import BASE
 from rotary_error_monitor.machine.topology import way
 
 Entries = tuple[tuple[str, ...], ...]

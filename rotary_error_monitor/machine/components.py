@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.description.machine import DIRECTIONS, ErrorComponent, MachineDescription
+from rotary_error_monitor.description.machine import DIRECTIONS, MachineDescription
+from rotary_error_monitor.description.machine_parts import ErrorComponent
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.description.machine import Body, Displacement, MachineDescription
+from rotary_error_monitor.description.machine import MachineDescription
+from rotary_error_monitor.description.machine_parts import Body, Displacement
 from rotary_error_monitor.machine.components import ErrorComponents, arrange_components
 from rotary_error_monitor.machine.topology import branches
 from rotary_error_monitor.machine.transforms import chain, compose, cross, inverse, rotate, rotation_by, transform

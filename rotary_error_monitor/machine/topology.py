@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.description.machine import Body, MachineDescription
+from rotary_error_monitor.description.machine import MachineDescription
+from rotary_error_monitor.description.machine_parts import Body
 
 
 def low_order_array(machine: MachineDescription) -> NDArray[np.int64]:

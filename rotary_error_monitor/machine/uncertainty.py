@@ -8,14 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rotary_error_monitor.description.machine import (
-    THERMOMETER,
-    Displacement,
-    ErrorComponent,
-    Harmonic,
-    MachineDescription,
-    Vector,
-)
+from rotary_error_monitor.description.machine import THERMOMETER, MachineDescription
+from rotary_error_monitor.description.machine_parts import Displacement, ErrorComponent, Harmonic, Vector
 from rotary_error_monitor.errors import InputError
 
 ALONG = 0.99

@@ -15,7 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.arrays import Array, Mask
-from rotary_error_monitor.description.stage import Autocollimator, Encoder, Mirror, Spindle
+from rotary_error_monitor.description.spindle_section import Spindle
+from rotary_error_monitor.description.stage_section import Encoder, Mirror
+from rotary_error_monitor.description.two_axis_section import Autocollimator
 from rotary_error_monitor.metrology.harmonics import angular_sum, planar_sum
 from rotary_error_monitor.metrology.kernel import Steps, chosen_kernel
 from rotary_error_monitor.metrology.periodic_curves import graduation_error, mirror_form

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.description.stage import ListedSensor
+from rotary_error_monitor.description.listed_sensors import ListedSensor
 
 UNSEEN = 1e-3
 """Part of the information on a force below which a direction counts as unseen: cells less than 2° from parallel."""

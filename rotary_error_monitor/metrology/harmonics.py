@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.description.stage import AngularHarmonic, PlanarHarmonic
+from rotary_error_monitor.description.harmonics import AngularHarmonic, PlanarHarmonic
 from rotary_error_monitor.metrology.kernel import Waves, chosen_kernel
 
 _AT_ONCE = 1 << 10

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.arrays import Times
-from rotary_error_monitor.description.stage import Lvdt
+from rotary_error_monitor.description.two_axis_section import Lvdt
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.error_motion import (
     ErrorMotion,

@@ -12,7 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.description.stage import Autocollimator, PlanarHarmonic, StageDescription
+from rotary_error_monitor.description.harmonics import PlanarHarmonic
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.two_axis_section import Autocollimator
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.harmonics import planar_sum
 from rotary_error_monitor.metrology.recording_fit import RecordingFit, judge_recording

@@ -10,16 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.description.stage import (
-    AngularHarmonic,
-    AngularTable,
-    Encoder,
-    Mirror,
-    PeriodicTable,
-    PlanarHarmonic,
-    PlanarTable,
-    StageDescription,
-)
+from rotary_error_monitor.description.harmonics import AngularHarmonic, PlanarHarmonic
+from rotary_error_monitor.description.periodic_tables import AngularTable, PeriodicTable, PlanarTable
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.stage_section import Encoder, Mirror
 from rotary_error_monitor.metrology.encoder_heads import LEAST_SEEN, HeadLayout, seen_part
 from rotary_error_monitor.metrology.harmonics import angular_sum, planar_sum
 

@@ -14,7 +14,9 @@ import numpy as np
 from scipy.linalg import block_diag, helmert
 
 from rotary_error_monitor.arrays import Array, Complex
-from rotary_error_monitor.description.stage import AngularHarmonic, Encoder, StageDescription
+from rotary_error_monitor.description.harmonics import AngularHarmonic
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.stage_section import Encoder
 from rotary_error_monitor.metrology.encoder_heads import LEAST_SEEN, seen_part
 from rotary_error_monitor.metrology.harmonics import angular_sum
 from rotary_error_monitor.metrology.recording_fit import RecordingFit, judge_recording

@@ -6,7 +6,7 @@ import numpy as np
 
 from rotary_error_monitor.arrays import Array, Mask
 from rotary_error_monitor.description.response import IDEAL, Response
-from rotary_error_monitor.description.stage import Autocollimator
+from rotary_error_monitor.description.two_axis_section import Autocollimator
 from rotary_error_monitor.errors import InputError
 
 

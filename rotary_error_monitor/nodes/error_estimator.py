@@ -14,6 +14,7 @@ from std_srvs.srv import Trigger
 from rotary_error_monitor.codec.cdr_blocks import BlockDecoder
 from rotary_error_monitor.codec.error_motion_blocks import block_from_error_motion
 from rotary_error_monitor.description.settings import Setting
+from rotary_error_monitor.description.streams import COMMAND
 from rotary_error_monitor.description.wire import Topic
 from rotary_error_monitor.errors import InputError, without_numbers
 from rotary_error_monitor.metrology.error_motion import COMPONENTS, ErrorMotion
@@ -22,8 +23,8 @@ from rotary_error_monitor.nodes.diagnostics import Condition, Level, StreamWatch
 from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.pace import Pace
 from rotary_error_monitor.nodes.process import program
-from rotary_error_monitor.pipeline.estimation import COMMAND, Estimator, EstimatorSettings
-from rotary_error_monitor.pipeline.estimator_settings import LONGEST_GAP_NS, SHORTEST_GAP_NS
+from rotary_error_monitor.pipeline.estimation import Estimator
+from rotary_error_monitor.pipeline.estimator_settings import LONGEST_GAP_NS, SHORTEST_GAP_NS, EstimatorSettings
 from rotary_error_monitor.pipeline.kernel import describe_kernel
 from rotary_error_monitor.pipeline.observability import possible_components, unchecked_sensors
 from rotary_error_monitor.pipeline.radial_heights import HIGHEST, figures_of, radial_block

@@ -18,7 +18,7 @@ from pathlib import Path
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 
 from rotary_error_monitor.bags.extra_topics import extra_topics
-from rotary_error_monitor.bags.metadata import SIMULATED as SIMULATED
+from rotary_error_monitor.bags.metadata import SIMULATED
 from rotary_error_monitor.bags.part import Recordable
 from rotary_error_monitor.bags.writer import BagTopic, BagWriter, RecordingStoppedError
 from rotary_error_monitor.description.settings import Setting

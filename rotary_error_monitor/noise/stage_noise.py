@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from rotary_error_monitor.arrays import Array, Mask
 from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.streams import COMMAND
 from rotary_error_monitor.effects.rotor import HEAD
 from rotary_error_monitor.noise.channels import channels_of, noise_std
 from rotary_error_monitor.noise.head_grid import HeadRows, align_heads, rate_of, weight_of_rows
@@ -45,7 +46,7 @@ from rotary_error_monitor.noise.slow_noise import Cells, SlowNoise, cells_of
 from rotary_error_monitor.noise.spikes import find_head_spikes, find_spikes
 from rotary_error_monitor.noise.turbulence import drift_predictors
 from rotary_error_monitor.noise.whitening import Whitener, few_at_once, predictor, runs_of, segments_of
-from rotary_error_monitor.sensors.library import COMMAND, instrument_of, sensor_of
+from rotary_error_monitor.sensors.library import instrument_of, sensor_of
 from rotary_error_monitor.twin.recording import StageRecording, Stream
 
 CELLS = 480

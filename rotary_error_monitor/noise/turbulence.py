@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from rotary_error_monitor.description.stage import Turbulence
+from rotary_error_monitor.description.two_axis_section import Turbulence
 from rotary_error_monitor.noise.whitening import Whitener, drift_predictor
 from rotary_error_monitor.twin.recording import Stream
 

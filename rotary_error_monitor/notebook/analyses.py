@@ -26,7 +26,7 @@ from rotary_error_monitor.report.analysis import changes_sentence, verdict_box, 
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 
 if TYPE_CHECKING:
-    from rotary_error_monitor.notebook.tables import DataFrame
+    from pandas import DataFrame
 
 Limits = Mapping[str, float] | Path | str
 """Limits by name and unit, such as `{"radial_synchronous_um": 2}`, or a YAML file with a section of them."""

@@ -26,7 +26,7 @@ from rotary_error_monitor.report.result_files import json_of
 from rotary_error_monitor.twin.rates import MOST_RATE, check_most_rate
 
 if TYPE_CHECKING:
-    from rotary_error_monitor.notebook.tables import DataFrame
+    from pandas import DataFrame
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

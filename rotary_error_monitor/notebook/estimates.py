@@ -20,8 +20,7 @@ from rotary_error_monitor.metrology.error_motion import COMPONENTS
 from rotary_error_monitor.notebook.read_only import ReadOnly, sealed
 from rotary_error_monitor.notebook.recording import Recording, Topics, bag_of
 from rotary_error_monitor.notebook.tables import Units, table_over_time, units_in
-from rotary_error_monitor.pipeline.estimation import EstimatorSettings
-from rotary_error_monitor.pipeline.estimator_settings import MAX_GAP, max_gap_of
+from rotary_error_monitor.pipeline.estimator_settings import MAX_GAP, EstimatorSettings, max_gap_of
 from rotary_error_monitor.pipeline.radial_heights import HIGHEST, check_height
 from rotary_error_monitor.pipeline.verdict import DOUBTS
 from rotary_error_monitor.recordings.replay import check_estimated, period_of, replay_bag
@@ -30,8 +29,9 @@ from rotary_error_monitor.report.page import table
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 
 if TYPE_CHECKING:
-    from rotary_error_monitor.notebook.tables import DataFrame
-    from rotary_error_monitor.report.plot import Figure
+    from pandas import DataFrame
+
+    from rotary_error_monitor.report.plot import Plot
 
 
 _SI = ("m", "m", "m", "rad", "rad", "rad")
@@ -136,7 +136,7 @@ class Estimate:
                 told[prefix + letter] = names.get(_SI[i], _SI[i])
         return table_over_time(self.stamp_ns, columns, told)
 
-    def figure(self) -> Figure:
+    def figure(self) -> Plot:
         """Polar plot of the radial error motion at the ring, and all that is observable over time. It is not shown."""
         from rotary_error_monitor.report.estimate_figure import draw_motion
 
@@ -205,7 +205,7 @@ class RadialMotion:
         told = {name: "rad" if name == "theta" else names.get("m", "m") for name in columns}
         return table_over_time(self.stamp_ns, columns, told)
 
-    def figure(self) -> Figure:
+    def figure(self) -> Plot:
         """Polar plot, and x and y over time. It is not shown."""
         from rotary_error_monitor.report.estimate_figure import draw_motion
 

@@ -21,8 +21,9 @@ from rotary_error_monitor.report.page import table
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 
 if TYPE_CHECKING:
-    from rotary_error_monitor.notebook.tables import DataFrame
-    from rotary_error_monitor.report.plot import Figure
+    from pandas import DataFrame
+
+    from rotary_error_monitor.report.plot import Plot
     from rotary_error_monitor.report.traces import Panel
 
 Topics = Path | str | Mapping[str, str] | None
@@ -104,7 +105,7 @@ class Recording:
         }
         return table_of_rows(columns, {"rate": "Hz"}).set_index("stream")
 
-    def figure(self, names: Sequence[str] | None = None) -> Figure:
+    def figure(self, names: Sequence[str] | None = None) -> Plot:
         """Figure of streams over time, like ones together; by default all that were measured. It is not shown.
 
         Raises:

@@ -22,7 +22,7 @@ from rotary_error_monitor.recordings.stream_health import contents_within
 from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
 
 if TYPE_CHECKING:
-    from rotary_error_monitor.notebook.tables import DataFrame
+    from pandas import DataFrame
 
 
 JOINTS = "machine_joint_states"

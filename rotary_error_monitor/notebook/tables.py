@@ -12,7 +12,7 @@ from rotary_error_monitor.arrays import Times
 from rotary_error_monitor.errors import InputError, MissingPackageError, excerpt
 
 if TYPE_CHECKING:
-    from pandas import DataFrame as DataFrame
+    from pandas import DataFrame
 
 Units = Literal["SI", "um"]
 """Units of a table: `SI` for m and rad, `um` for µm and µrad."""

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 
-from rotary_error_monitor.description.stage import Mirror, StageDescription
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.stage_section import Mirror
 from rotary_error_monitor.metrology.description_check import FigureCheck
 from rotary_error_monitor.metrology.periodic_curves import steepest
 from rotary_error_monitor.pipeline.command_belief import CommandBelief

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from rotary_error_monitor.arrays import Array, Mask
 from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.streams import AUTOCOLLIMATOR, COMMAND
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 from rotary_error_monitor.pipeline.distance_reach import ACCELERATION
 from rotary_error_monitor.pipeline.estimator_settings import LONGEST_GAP_NS
 from rotary_error_monitor.pipeline.stream_limits import described_tilt, described_tilts
-from rotary_error_monitor.pipeline.ticks import AUTOCOLLIMATOR, COMMAND
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 from rotary_error_monitor.signals.resampling import Resampled, resample, resample_all
 from rotary_error_monitor.signals.streams import SampleStream

@@ -16,15 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.streams import AUTOCOLLIMATOR, COMMAND
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.metrology.responses import correct_block
 from rotary_error_monitor.pipeline.belief import Belief
 from rotary_error_monitor.pipeline.common_turns import CommonTurns
 from rotary_error_monitor.pipeline.described_readings import DescribedReadings
-from rotary_error_monitor.pipeline.estimator_settings import LONGEST_GAP_NS
-from rotary_error_monitor.pipeline.estimator_settings import EstimatorSettings as EstimatorSettings
-from rotary_error_monitor.pipeline.estimator_settings import EstimatorStatus as EstimatorStatus
+from rotary_error_monitor.pipeline.estimator_settings import LONGEST_GAP_NS, EstimatorSettings, EstimatorStatus
 from rotary_error_monitor.pipeline.evidence import INDEX as EVIDENCE
 from rotary_error_monitor.pipeline.evidence import WINDOW_NS, Evidence
 from rotary_error_monitor.pipeline.late_tilt import LateTilt
@@ -33,8 +32,6 @@ from rotary_error_monitor.pipeline.publication import Believed, Decisions, Publi
 from rotary_error_monitor.pipeline.repetition import Repetition
 from rotary_error_monitor.pipeline.stream_limits import is_saturated, stream_limits
 from rotary_error_monitor.pipeline.streams_there import StreamsThere
-from rotary_error_monitor.pipeline.ticks import AUTOCOLLIMATOR as AUTOCOLLIMATOR
-from rotary_error_monitor.pipeline.ticks import COMMAND as COMMAND
 from rotary_error_monitor.pipeline.ticks import TickMaker
 from rotary_error_monitor.signals.arrival import ArrivalCheck
 from rotary_error_monitor.signals.blocks import SampleBlock

@@ -7,8 +7,8 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from itertools import islice
 
-from rotary_error_monitor.description.stage import Encoder
 from rotary_error_monitor.description.stage_limits import StageLimits
+from rotary_error_monitor.description.stage_section import Encoder
 from rotary_error_monitor.metrology.agreement import chi_square_bound
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 from rotary_error_monitor.metrology.error_motion import KINK

@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.description.machine import Axis, MachineDescription
+from rotary_error_monitor.description.machine import MachineDescription
+from rotary_error_monitor.description.machine_parts import Axis
 from rotary_error_monitor.pipeline.joint_velocities import CONTRADICTED, UNCONFIRMED, JointVelocities
 from rotary_error_monitor.signals.admission import LARGEST_ANGLE
 from rotary_error_monitor.units import TURN

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.description.machine import Axis
+from rotary_error_monitor.description.machine_parts import Axis
 from rotary_error_monitor.units import TURN
 
 CONTRADICTED = "against its velocity"

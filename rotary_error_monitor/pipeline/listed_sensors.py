@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.streams import AUTOCOLLIMATOR
 from rotary_error_monitor.metrology.agreement import chi_square_bound
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.metrology.rigid_motion import Seen, disagreement, disagreements, extend
@@ -18,7 +19,6 @@ from rotary_error_monitor.pipeline.evidence import SHORT, WindowGrid
 from rotary_error_monitor.pipeline.head_belief import WEAK
 from rotary_error_monitor.pipeline.listed_belief import SensorBelief, SensorWindow
 from rotary_error_monitor.pipeline.listed_readings import ListedReadings, ListedTicks
-from rotary_error_monitor.pipeline.ticks import AUTOCOLLIMATOR
 from rotary_error_monitor.signals.resampling import Resampled
 
 Array = NDArray[np.float64]

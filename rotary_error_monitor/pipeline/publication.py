@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.streams import AUTOCOLLIMATOR, COMMAND
 from rotary_error_monitor.description.two_axis_section import DISTORTIONS
 from rotary_error_monitor.metrology.agreement import chi_square_bound
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
@@ -21,7 +22,6 @@ from rotary_error_monitor.metrology.responses import distortion_variance
 from rotary_error_monitor.pipeline.evidence import EVERYWHERE, INDEX, SIGMAS, TILT, WINDOW_NS
 from rotary_error_monitor.pipeline.kernel import Stated, chosen_kernel
 from rotary_error_monitor.pipeline.ring_belief import ABSENT
-from rotary_error_monitor.pipeline.ticks import AUTOCOLLIMATOR, COMMAND
 from rotary_error_monitor.pipeline.verdict import DOUBTS, InputVerdict
 
 _UNCERTAIN = ("head_scale", "tilt_scale", "lag", "unresolved", "unresolved_tilt")

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.description.streams import COMMAND
 from rotary_error_monitor.description.topics import samples_columns
-from rotary_error_monitor.sensors.library import COMMAND
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock, block_from_samples
 
 _SLACK = 1.0

@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.description.listed_sensors import name_of
-from rotary_error_monitor.description.stage import AngularHarmonic, ListedSensor, StageDescription
-from rotary_error_monitor.description.streams import LVDT as LVDT
+from rotary_error_monitor.description.harmonics import AngularHarmonic
+from rotary_error_monitor.description.listed_sensors import ListedSensor, name_of
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.streams import LVDT
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.harmonics import angular_sum
 from rotary_error_monitor.sensors.library import listed_kind

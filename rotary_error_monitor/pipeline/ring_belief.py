@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from itertools import pairwise
 from operator import sub
 
-from rotary_error_monitor.description.stage import Encoder, StageDescription
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.stage_section import Encoder
 from rotary_error_monitor.metrology.description_check import MIRRORED, Claim, FigureCheck, departure
 from rotary_error_monitor.metrology.error_motion import KINK
 from rotary_error_monitor.pipeline.evidence import LONG, SHORT, SIGMAS, Window, Windows

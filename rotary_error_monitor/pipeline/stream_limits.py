@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.streams import AUTOCOLLIMATOR, COMMAND
 from rotary_error_monitor.description.topics import samples_columns
 from rotary_error_monitor.metrology.error_motion import remove_mirror
 from rotary_error_monitor.metrology.harmonics import planar_sum
 from rotary_error_monitor.metrology.tilt import check_saturation
-from rotary_error_monitor.pipeline.ticks import AUTOCOLLIMATOR, COMMAND
 from rotary_error_monitor.sensors.autocollimator import Autocollimator
 from rotary_error_monitor.sensors.library import listed_kind
 from rotary_error_monitor.sensors.read_head import ReadHead

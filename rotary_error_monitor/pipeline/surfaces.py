@@ -8,12 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.description.stage import AngularHarmonic, PlanarHarmonic, StageDescription
+from rotary_error_monitor.description.harmonics import AngularHarmonic, PlanarHarmonic
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.streams import AUTOCOLLIMATOR
 from rotary_error_monitor.metrology.encoder_heads import Waves
 from rotary_error_monitor.metrology.form_orders import OrderView, view_order
 from rotary_error_monitor.metrology.rigid_motion import LEAST_VARIANCE
 from rotary_error_monitor.pipeline.observability import possible_components, unchecked_sensors
-from rotary_error_monitor.pipeline.ticks import AUTOCOLLIMATOR, HIGHEST_ORDER
+from rotary_error_monitor.pipeline.ticks import HIGHEST_ORDER
 from rotary_error_monitor.sensors.library import ListedField, listed_fields, sensor_kinds
 from rotary_error_monitor.sensors.listed import MIRROR
 

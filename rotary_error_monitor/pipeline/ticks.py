@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.description.stage import StageDescription
-from rotary_error_monitor.description.streams import AUTOCOLLIMATOR as AUTOCOLLIMATOR
-from rotary_error_monitor.description.streams import COMMAND as COMMAND
+from rotary_error_monitor.description.streams import AUTOCOLLIMATOR, COMMAND
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout, RingPose, estimate_ring_pose
 from rotary_error_monitor.metrology.error_motion import (
     BEND,

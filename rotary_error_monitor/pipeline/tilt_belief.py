@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from itertools import pairwise
 from operator import sub
 
-from rotary_error_monitor.description.stage import Autocollimator, StageDescription
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.two_axis_section import Autocollimator
 from rotary_error_monitor.metrology.description_check import DARK, MIRRORED, Claim, FigureCheck, Finding, departure
 from rotary_error_monitor.metrology.repeated_readings import run_by_chance
 from rotary_error_monitor.pipeline.evidence import LONG, SHORT, SIGMAS, Reach, Window, Windows

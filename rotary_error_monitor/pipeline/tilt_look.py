@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from rotary_error_monitor.description.stage import Autocollimator
+from rotary_error_monitor.description.two_axis_section import Autocollimator
 from rotary_error_monitor.metrology.agreement import chi_square_bound
 from rotary_error_monitor.metrology.repeated_readings import run_by_chance
 from rotary_error_monitor.pipeline.evidence import SHORT, SIGMAS

@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 import rotary_error_monitor.plant.listed as room
+from rotary_error_monitor.description.harmonics import PlanarHarmonic
+from rotary_error_monitor.description.listed_sensors import ListedSensor
+from rotary_error_monitor.description.periodic_tables import PeriodicTable
 from rotary_error_monitor.description.response import Response
-from rotary_error_monitor.description.stage import ListedSensor, PeriodicTable, PlanarHarmonic
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant import geometry
 from rotary_error_monitor.plant.clocks import HEAD
-from rotary_error_monitor.plant.geometry import Plane, Turns, as_columns
-from rotary_error_monitor.plant.geometry import waves as waves  # for kinds of other packages
+from rotary_error_monitor.plant.geometry import Plane, Turns, as_columns, waves
 from rotary_error_monitor.plant.scene import Fault, Scene
 from rotary_error_monitor.plugins import load_plugin, modules_in, origin_of, plugins_of
 

@@ -9,13 +9,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.description.machine import (
-    DIRECTIONS,
-    Axis,
-    Displacement,
-    ErrorComponent,
-    MachineDescription,
-)
+from rotary_error_monitor.description.machine import DIRECTIONS, MachineDescription
+from rotary_error_monitor.description.machine_parts import Axis, Displacement, ErrorComponent
 from rotary_error_monitor.errors import InputError
 
 

@@ -13,20 +13,14 @@ from rotary_error_monitor.description.listed_sensors import name_of
 from rotary_error_monitor.description.sensor_section import PLACE_TEMPERATURE, SHAFT_FORCE
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.plant.clocks import HEAD as HEAD
-from rotary_error_monitor.plant.clocks import STREAMS as STREAMS
-from rotary_error_monitor.plant.clocks import Clock as Clock
-from rotary_error_monitor.plant.clocks import fields_of as fields_of
-from rotary_error_monitor.plant.clocks import stage_clocks as stage_clocks
+from rotary_error_monitor.plant.clocks import HEAD, STREAMS, Clock, fields_of, stage_clocks
 from rotary_error_monitor.plant.environment import Forces, Temperature, place_temperature
-from rotary_error_monitor.plant.geometry import Turns, as_columns
-from rotary_error_monitor.plant.instruments import ENTRY_POINTS, geometries, planar, pushed, read_off, seen, waves
+from rotary_error_monitor.plant.geometry import Turns, as_columns, waves
+from rotary_error_monitor.plant.instruments import ENTRY_POINTS, geometries, planar, pushed, read_off, seen
 from rotary_error_monitor.plant.motion import CommandedCourse, reversing_motion
 from rotary_error_monitor.plant.noise import Noise, Turbulence
 from rotary_error_monitor.plant.noise_forms import NoiseForm
-from rotary_error_monitor.plant.scene import Fault as Fault
-from rotary_error_monitor.plant.scene import Plant as Plant
-from rotary_error_monitor.plant.scene import Scene as Scene
+from rotary_error_monitor.plant.scene import Fault, Scene
 from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
 
 

@@ -21,11 +21,12 @@ from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.description.error_motion_limits import ErrorMotionLimits
 from rotary_error_monitor.description.machine import MachineDescription, load_machine, machine_path
 from rotary_error_monitor.description.stage import StageDescription, load_stage
+from rotary_error_monitor.description.streams import AUTOCOLLIMATOR
 from rotary_error_monitor.description.wire import wire_of
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.files import check_outputs, check_places, write_all
 from rotary_error_monitor.metrology.turns import LEAST_WAVES, MOST_WAVES
-from rotary_error_monitor.pipeline.estimation import AUTOCOLLIMATOR, EstimatorSettings
+from rotary_error_monitor.pipeline.estimator_settings import EstimatorSettings
 from rotary_error_monitor.recordings.long_estimates import ReplayedEstimates
 from rotary_error_monitor.recordings.progress import Progress, silent
 from rotary_error_monitor.recordings.replay import check_estimated, replay_long

@@ -16,7 +16,7 @@ from rotary_error_monitor.bags.search import cells_of, fingerprint_of
 from rotary_error_monitor.description.machine import MachineDescription, machine_mapping
 from rotary_error_monitor.description.stage import StageDescription, stage_mapping
 from rotary_error_monitor.errors import InputError, one_line
-from rotary_error_monitor.pipeline.estimation import EstimatorSettings
+from rotary_error_monitor.pipeline.estimator_settings import EstimatorSettings
 from rotary_error_monitor.recordings.analysis import Question, analyse_bag
 from rotary_error_monitor.recordings.index import Entry
 from rotary_error_monitor.recordings.stage_names import label_of

@@ -14,7 +14,8 @@ from rotary_error_monitor.errors import InputError, without_numbers
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.compensation import Compensator
 from rotary_error_monitor.pipeline.corrections import Correction
-from rotary_error_monitor.pipeline.estimation import Estimator, EstimatorStatus
+from rotary_error_monitor.pipeline.estimation import Estimator
+from rotary_error_monitor.pipeline.estimator_settings import EstimatorStatus
 from rotary_error_monitor.pipeline.joint_motion import joint_motion_of
 from rotary_error_monitor.pipeline.publication import Decision
 from rotary_error_monitor.recordings.motion_rows import BlockRows, ByTick, CorrectionRows, MotionRows

@@ -17,18 +17,14 @@ from rotary_error_monitor.codec.contents import JointState, Temperature
 from rotary_error_monitor.codec.error_motion_blocks import error_motion_from_block, tells_doubts
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.streams import AUTOCOLLIMATOR, COMMAND
 from rotary_error_monitor.description.wire import Wire, wire_of
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.compensation import Compensator, InputsUsed
 from rotary_error_monitor.pipeline.corrections import OFFSET, Correction
-from rotary_error_monitor.pipeline.estimation import (
-    AUTOCOLLIMATOR,
-    COMMAND,
-    Estimator,
-    EstimatorSettings,
-    EstimatorStatus,
-)
+from rotary_error_monitor.pipeline.estimation import Estimator
+from rotary_error_monitor.pipeline.estimator_settings import EstimatorSettings, EstimatorStatus
 from rotary_error_monitor.pipeline.observability import rotation_is_lacking
 from rotary_error_monitor.pipeline.publication import Decision, decision_rows
 from rotary_error_monitor.recordings.collected import Collected

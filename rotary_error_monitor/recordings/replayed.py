@@ -17,7 +17,7 @@ from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.bags.window import Window
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.corrections import Correction
-from rotary_error_monitor.pipeline.estimation import EstimatorStatus
+from rotary_error_monitor.pipeline.estimator_settings import EstimatorStatus
 from rotary_error_monitor.recordings.arrays_file import InParts, save_arrays
 from rotary_error_monitor.recordings.motion_rows import BlockRows, CorrectionRows, MotionRows
 from rotary_error_monitor.signals.rows import Rows, parts_of, place_of

@@ -13,7 +13,8 @@ from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.wire import wire_of
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.pipeline.estimation import Estimator, EstimatorSettings
+from rotary_error_monitor.pipeline.estimation import Estimator
+from rotary_error_monitor.pipeline.estimator_settings import EstimatorSettings
 from rotary_error_monitor.pipeline.observability import rotation_is_lacking
 from rotary_error_monitor.recordings.replay import gap_remarks, input_topics
 from rotary_error_monitor.signals.arrival import FUTURE

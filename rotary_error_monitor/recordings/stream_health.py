@@ -15,9 +15,7 @@ from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.codec.contents import Content
 from rotary_error_monitor.description.listed_sensors import name_of
 from rotary_error_monitor.description.stage import StageDescription
-from rotary_error_monitor.description.streams import FORCE as FORCE
-from rotary_error_monitor.description.streams import LVDT as LVDT
-from rotary_error_monitor.description.streams import TEMPERATURE as TEMPERATURE
+from rotary_error_monitor.description.streams import FORCE, LVDT, TEMPERATURE
 from rotary_error_monitor.description.wire import Topic, Wire
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.responses import correct_block

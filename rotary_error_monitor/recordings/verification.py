@@ -12,12 +12,12 @@ from rotary_error_monitor.analysis.verification_result import Verification, as_m
 from rotary_error_monitor.bags.naming import THE_ONLY_CELL, Naming
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.description.stage import StageDescription, load_stage
+from rotary_error_monitor.description.streams import LVDT
 from rotary_error_monitor.description.wire import wire_of
 from rotary_error_monitor.errors import InputError, told_of
 from rotary_error_monitor.files import check_outputs, check_places, write_all
-from rotary_error_monitor.pipeline.estimation import EstimatorSettings
+from rotary_error_monitor.pipeline.estimator_settings import EstimatorSettings
 from rotary_error_monitor.pipeline.reference_readings import (
-    LVDT,
     Array,
     Reference,
     Times,

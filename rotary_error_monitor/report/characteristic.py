@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from rotary_error_monitor.description.machine import MachineDescription
-from rotary_error_monitor.description.machine_section import BASE
+from rotary_error_monitor.description.machine_tree import BASE
 from rotary_error_monitor.machine.characteristic import (
     IDENTITY,
     CharacteristicMatrices,

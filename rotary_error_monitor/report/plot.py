@@ -6,7 +6,7 @@ import io
 from pathlib import Path
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure as Figure
+from matplotlib.figure import Figure
 
 from rotary_error_monitor.files import write_whole
 from rotary_error_monitor.report.drawn import INCH

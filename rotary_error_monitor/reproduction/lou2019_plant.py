@@ -12,15 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
-from rotary_error_monitor.description.stage import (
-    Mirror,
-    PlanarHarmonic,
-    Response,
-    Spindle,
-    StageDescription,
-    load_stage,
-    stage_mapping,
-)
+from rotary_error_monitor.description.harmonics import PlanarHarmonic
+from rotary_error_monitor.description.response import Response
+from rotary_error_monitor.description.spindle_section import Spindle
+from rotary_error_monitor.description.stage import StageDescription, load_stage, stage_mapping
+from rotary_error_monitor.description.stage_section import Mirror
 from rotary_error_monitor.description.wire import wire_of
 from rotary_error_monitor.files import write_whole
 from rotary_error_monitor.notebook.simulation import write_plant

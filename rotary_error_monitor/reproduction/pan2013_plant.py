@@ -17,7 +17,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.description.machine import Displacement, MachineDescription, load_machine, machine_mapping
+from rotary_error_monitor.description.machine import MachineDescription, load_machine, machine_mapping
+from rotary_error_monitor.description.machine_parts import Displacement
 from rotary_error_monitor.files import write_whole
 from rotary_error_monitor.plant.machine import over_travel
 from rotary_error_monitor.plant.noise import Noise

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from rotary_error_monitor.description.wire import EXTERNAL, Service, Topic, Wire
+from rotary_error_monitor.description.wire import EXTERNAL, Topic, Wire
+from rotary_error_monitor.description.wire_section import Service
 from rotary_error_monitor.errors import InputError
 
 OPERATOR = "operator"

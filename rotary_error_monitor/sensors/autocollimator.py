@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from rotary_error_monitor.description.stage import StageDescription, Turbulence
-from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, Array
+from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.streams import AUTOCOLLIMATOR
+from rotary_error_monitor.description.two_axis_section import Turbulence
 from rotary_error_monitor.metrology.periodic_curves import planar_values
 from rotary_error_monitor.sensors.sensor import Pose, Sensor
 

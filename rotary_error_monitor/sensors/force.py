@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from rotary_error_monitor.description.stage import FORCE, ListedSensor
-from rotary_error_monitor.effects.rotor import Array
+from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.description.listed_sensors import ListedSensor
+from rotary_error_monitor.description.streams import FORCE
 from rotary_error_monitor.metrology.forces import load_cell
 from rotary_error_monitor.sensors.listed_input import ListedInput
 

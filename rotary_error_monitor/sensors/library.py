@@ -10,10 +10,9 @@ from types import MappingProxyType
 import numpy as np
 
 import rotary_error_monitor.sensors as room
-from rotary_error_monitor.description.listed_sensors import is_input
-from rotary_error_monitor.description.stage import ListedSensor, StageDescription
-from rotary_error_monitor.description.streams import COMMAND as COMMAND
-from rotary_error_monitor.effects.rotor import Array
+from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.description.listed_sensors import ListedSensor, is_input
+from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plugins import classes_in, modules_of
 from rotary_error_monitor.sensors.listed import ListedKind

@@ -7,9 +7,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from rotary_error_monitor.description.listed_sensors import quantity
-from rotary_error_monitor.description.stage import AngularHarmonic, ListedSensor, StageDescription
-from rotary_error_monitor.effects.rotor import Array
+from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.description.harmonics import AngularHarmonic
+from rotary_error_monitor.description.listed_sensors import ListedSensor, quantity
+from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.metrology.harmonics import angular_sum
 from rotary_error_monitor.sensors.sensor import Pose, Sensor
 

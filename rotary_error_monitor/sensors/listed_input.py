@@ -5,9 +5,8 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import ClassVar
 
-from rotary_error_monitor.description.listed_sensors import quantity
-from rotary_error_monitor.description.stage import ListedSensor
-from rotary_error_monitor.effects.rotor import Array
+from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.description.listed_sensors import ListedSensor, quantity
 
 
 class ListedInput(ABC):

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import StageDescription
-from rotary_error_monitor.effects.rotor import LVDT, Array
+from rotary_error_monitor.description.streams import LVDT
 from rotary_error_monitor.sensors.sensor import Pose, Sensor
 
 

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from rotary_error_monitor.description.stage import ListedSensor
-from rotary_error_monitor.effects.rotor import Array
+from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.description.listed_sensors import ListedSensor
 from rotary_error_monitor.sensors.listed import ListedKind
 
 

@@ -10,8 +10,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rotary_error_monitor.description.stage import AngularHarmonic, AngularTable, StageDescription
-from rotary_error_monitor.effects.rotor import HEAD, Array, RotorState
+from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.description.harmonics import AngularHarmonic
+from rotary_error_monitor.description.periodic_tables import AngularTable
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.effects.rotor import HEAD, RotorState
 from rotary_error_monitor.metrology.periodic_curves import angular_slopes, angular_values
 from rotary_error_monitor.sensors.sensor import Pose, Sensor
 

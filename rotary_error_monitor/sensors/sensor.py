@@ -5,8 +5,10 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import ClassVar, Protocol
 
-from rotary_error_monitor.description.stage import StageDescription, Turbulence
-from rotary_error_monitor.effects.rotor import Array, RotorState
+from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.two_axis_section import Turbulence
+from rotary_error_monitor.effects.rotor import RotorState
 
 
 class Pose(Protocol):

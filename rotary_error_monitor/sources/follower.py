@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.plant.clocks import stage_clocks
 from rotary_error_monitor.plant.environment import Forces
 from rotary_error_monitor.plant.motion import CommandedCourse
-from rotary_error_monitor.plant.stage import StagePlant, stage_clocks
+from rotary_error_monitor.plant.stage import StagePlant
 from rotary_error_monitor.plant.tracking import CommandedMotion
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 from rotary_error_monitor.sources.mock import MockSettings

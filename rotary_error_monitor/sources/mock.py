@@ -12,9 +12,10 @@ import numpy as np
 from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.plant.clocks import stage_clocks
 from rotary_error_monitor.plant.environment import FORCE_CYCLE, Forces, intermittent_forces
 from rotary_error_monitor.plant.motion import reversing_motion
-from rotary_error_monitor.plant.stage import StagePlant, stage_clocks
+from rotary_error_monitor.plant.stage import StagePlant
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock, block_from_samples
 from rotary_error_monitor.sources.device import Device, Instrument
 from rotary_error_monitor.sources.source import Source

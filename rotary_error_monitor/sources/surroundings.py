@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from rotary_error_monitor.description.settings import Setting
-from rotary_error_monitor.description.stage import FORCE
+from rotary_error_monitor.description.streams import FORCE
 from rotary_error_monitor.description.topics import samples_columns
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.sources.device import Device, Instrument

@@ -7,8 +7,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from rotary_error_monitor.description.machine import machine_mapping as machine_mapping
-from rotary_error_monitor.description.stage import stage_mapping as stage_mapping
 from rotary_error_monitor.effects.effect import AnyEffect, Cause
 from rotary_error_monitor.effects.library import effect_named
 from rotary_error_monitor.errors import InputError, excerpt, told_of

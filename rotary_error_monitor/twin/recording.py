@@ -10,12 +10,12 @@ import numpy as np
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.listed_sensors import ListedSensor
 from rotary_error_monitor.description.response import Response
-from rotary_error_monitor.description.streams import FORCE, TEMPERATURE
+from rotary_error_monitor.description.streams import COMMAND, FORCE, TEMPERATURE
 from rotary_error_monitor.description.topics import samples_columns, samples_topic
 from rotary_error_monitor.effects.rotor import HEAD
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.responses import correct_block
-from rotary_error_monitor.sensors.library import COMMAND, input_of, kind_of, sensor_kinds, without_class
+from rotary_error_monitor.sensors.library import input_of, kind_of, sensor_kinds, without_class
 from rotary_error_monitor.sensors.listed import ListedKind
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.signals.coverage import MessageSpans, coverage_remarks

@@ -18,9 +18,9 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.description.listed_sensors import name_of
+from rotary_error_monitor.description.listed_sensors import ListedSensor, name_of
 from rotary_error_monitor.description.sensor_section import PLACE_TEMPERATURE, SHAFT_FORCE
-from rotary_error_monitor.description.stage import ListedSensor, StageDescription
+from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.effect import Cause, values_of
 from rotary_error_monitor.effects.rotor import RotorState, StageEffect
 from rotary_error_monitor.metrology.harmonics import angular_sum

@@ -8,14 +8,9 @@ from functools import partial
 from itertools import product
 from typing import Any
 
-from rotary_error_monitor.description.listed_sensors import name_of, short_names
-from rotary_error_monitor.description.stage import (
-    OWN_THERMOMETER,
-    AngularHarmonic,
-    ListedSensor,
-    PlanarHarmonic,
-    StageDescription,
-)
+from rotary_error_monitor.description.harmonics import AngularHarmonic, PlanarHarmonic
+from rotary_error_monitor.description.listed_sensors import ListedSensor, name_of, short_names
+from rotary_error_monitor.description.stage import OWN_THERMOMETER, StageDescription
 from rotary_error_monitor.description.two_axis_section import DISTORTIONS, RESPONSES
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.periodic_curves import doubted_orders

@@ -13,7 +13,7 @@ from rotary_error_monitor.analysis.health import FallOut, FallOuts
 from rotary_error_monitor.analysis.positions import Positioning, positioning_of
 from rotary_error_monitor.analysis.rotation import ArrayCourse
 from rotary_error_monitor.arrays import Array, Times
-from rotary_error_monitor.description.stage import Lvdt
+from rotary_error_monitor.description.two_axis_section import Lvdt
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 
 

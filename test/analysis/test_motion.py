@@ -10,7 +10,8 @@ from draws import seeds
 
 from rotary_error_monitor.analysis.motion import analyse_motion
 from rotary_error_monitor.analysis.signals import default_heights
-from rotary_error_monitor.description.stage import ListedSensor, load_stage
+from rotary_error_monitor.description.listed_sensors import ListedSensor
+from rotary_error_monitor.description.stage import load_stage
 
 SEEDS = seeds(6)
 HEIGHTS = (0.0, 0.016, 0.06)

@@ -10,7 +10,7 @@ from analysis.in_memory import compare_stays, estimate_stops, fall_outs
 
 from rotary_error_monitor.analysis.health import FallOuts
 from rotary_error_monitor.analysis.runs import find_segments
-from rotary_error_monitor.description.stage import Lvdt
+from rotary_error_monitor.description.two_axis_section import Lvdt
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.signals import rows
 

@@ -7,7 +7,7 @@ import pytest
 
 from rotary_error_monitor.analysis.comparison import stands_at, stands_of_lvdt
 from rotary_error_monitor.analysis.reference_judgement import Variances, judge
-from rotary_error_monitor.description.stage import Lvdt
+from rotary_error_monitor.description.two_axis_section import Lvdt
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 

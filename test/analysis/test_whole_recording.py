@@ -11,7 +11,8 @@ from rotary_error_monitor.analysis.course import Samples, estimate_drifts
 from rotary_error_monitor.analysis.motion import analyse_motion
 from rotary_error_monitor.analysis.runs import find_segments
 from rotary_error_monitor.analysis.signals import Estimates
-from rotary_error_monitor.description.stage import Lvdt, load_stage
+from rotary_error_monitor.description.stage import load_stage
+from rotary_error_monitor.description.two_axis_section import Lvdt
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 
 START_NS = 1_763_700_000_000_000_000

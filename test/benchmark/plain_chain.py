@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from rotary_error_monitor.description.machine import DIRECTIONS, Displacement, ErrorComponent, MachineDescription
+from rotary_error_monitor.description.machine import DIRECTIONS, MachineDescription
+from rotary_error_monitor.description.machine_parts import Displacement, ErrorComponent
 
 Matrix = list[list[float]]
 Vector = Sequence[float]

@@ -10,7 +10,8 @@ import numpy as np
 import simulated_shaft
 
 from rotary_error_monitor.calibration.assembly_tables import MeasuredCurve, mirror_curve, ring_curve
-from rotary_error_monitor.description.stage import AngularTable, PlanarTable, StageDescription, load_stage
+from rotary_error_monitor.description.periodic_tables import AngularTable, PlanarTable
+from rotary_error_monitor.description.stage import StageDescription, load_stage
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout, estimate_ring_pose
 from rotary_error_monitor.metrology.error_motion import remove_graduation, remove_mirror
 from rotary_error_monitor.metrology.mirror_assembly import estimate_mirror_assembly

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from rotary_error_monitor.calibration.flatness_doubts import CurveDoubt, covariance_factor, predict_bounds
 from rotary_error_monitor.calibration.grinding import FlatnessPrediction, VerticalErrors, predict_flatness
 from rotary_error_monitor.calibration.straightness_doubts import find_doubts
-from rotary_error_monitor.description.machine import ErrorComponent, ErrorTable, load_machine
+from rotary_error_monitor.description.machine import load_machine
+from rotary_error_monitor.description.machine_parts import ErrorComponent, ErrorTable
 from rotary_error_monitor.metrology.reference_mirror import Mirror
 
 Array = NDArray[np.float64]

@@ -20,7 +20,8 @@ from shaft_bags import TRUTH, simulated
 from rotary_error_monitor.bags.writer import write_messages
 from rotary_error_monitor.calibration.assembly import calibrate_assembly, read_shaft_recording
 from rotary_error_monitor.commands import calibrate
-from rotary_error_monitor.description.stage import Spindle, load_stage
+from rotary_error_monitor.description.spindle_section import Spindle
+from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.description.wire import load_wire
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant import Motion, Segment, StagePlant, reversing_motion

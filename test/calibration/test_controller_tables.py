@@ -21,7 +21,8 @@ from rotary_error_monitor.calibration.controller_tables import (
     volumetric_table,
 )
 from rotary_error_monitor.cli import main
-from rotary_error_monitor.description.machine import ErrorComponent, ErrorTable, MachineDescription, load_machine
+from rotary_error_monitor.description.machine import MachineDescription, load_machine
+from rotary_error_monitor.description.machine_parts import ErrorComponent, ErrorTable
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.linuxcnc_controller.instance import Instance
 from rotary_error_monitor.machine.correction import remaining_offset

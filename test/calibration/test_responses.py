@@ -10,12 +10,13 @@ import numpy as np
 import yaml
 
 from rotary_error_monitor.bags.writer import write_messages
-from rotary_error_monitor.calibration.assembly import Centres, calibrate_assembly
+from rotary_error_monitor.calibration.assembly import calibrate_assembly
+from rotary_error_monitor.calibration.assembly_doubts import Centres
 from rotary_error_monitor.description.response import Response
-from rotary_error_monitor.description.stage import Spindle, load_stage
+from rotary_error_monitor.description.spindle_section import Spindle
+from rotary_error_monitor.description.stage import load_stage, stage_mapping
 from rotary_error_monitor.description.wire import wire_of
 from rotary_error_monitor.plant import StagePlant
-from rotary_error_monitor.twin.document import stage_mapping
 
 EPOCH = 1_763_700_000_000_000_000
 RESPONSES = {

@@ -15,7 +15,8 @@ from rotary_error_monitor.calibration.volume import (
     rank_errors,
     sample_volume,
 )
-from rotary_error_monitor.description.machine import ErrorComponent, Harmonic, load_machine
+from rotary_error_monitor.description.machine import load_machine
+from rotary_error_monitor.description.machine_parts import ErrorComponent, Harmonic
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.error_model import predict_tool_offset
 from rotary_error_monitor.machine.kinematics import arrange_machine

@@ -21,7 +21,8 @@ from rotary_error_monitor.calibration.axis_lines import SquarenessResult, calibr
 from rotary_error_monitor.calibration.axis_table import AxisRelation
 from rotary_error_monitor.calibration.machine_file import MachineFile
 from rotary_error_monitor.calibration.steps import Job
-from rotary_error_monitor.description.machine import Displacement, MachineDescription
+from rotary_error_monitor.description.machine import MachineDescription
+from rotary_error_monitor.description.machine_parts import Displacement
 from rotary_error_monitor.metrology.tracker import TrackerNoise
 from rotary_error_monitor.resources import config
 

@@ -21,7 +21,8 @@ from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.plant.environment import Temperature, intermittent_forces, lagged_warming
 from rotary_error_monitor.plant.machine import MachinePlant, Poses
 from rotary_error_monitor.plant.motion import Motion, Segment
-from rotary_error_monitor.plant.stage import Fault, StagePlant
+from rotary_error_monitor.plant.scene import Fault
+from rotary_error_monitor.plant.stage import StagePlant
 
 PAIRS = [(effect, kind) for effect, kinds in MECHANISMS.items() for kind in kinds]
 WITHOUT_SMALL_LIMIT = (CompliantFlanks,)

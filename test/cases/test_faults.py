@@ -22,7 +22,8 @@ from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant.environment import intermittent_forces
 from rotary_error_monitor.plant.machine import MachineFault, MachinePlant, make_poses
-from rotary_error_monitor.plant.stage import Fault, StagePlant
+from rotary_error_monitor.plant.scene import Fault
+from rotary_error_monitor.plant.stage import StagePlant
 
 Array = NDArray[np.float64]
 CASES = Path(__file__).parents[3] / "shared" / "cases" / "open"

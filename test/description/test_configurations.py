@@ -27,7 +27,7 @@ from rotary_error_monitor.description.machine import (
 )
 from rotary_error_monitor.description.machine_section import MachineSection
 from rotary_error_monitor.description.sensor_places import HEAD_WIDTH
-from rotary_error_monitor.description.stage import StageDescription, load_stage
+from rotary_error_monitor.description.stage import StageDescription, load_stage, stage_mapping
 from rotary_error_monitor.description.stage_section import PARAMETERS, StageSection
 from rotary_error_monitor.description.wire import load_wire, markdown_table
 from rotary_error_monitor.description.wire_section import WireSection
@@ -39,7 +39,6 @@ from rotary_error_monitor.machine.kinematics import arrange_machine
 from rotary_error_monitor.pipeline.estimation import Estimator
 from rotary_error_monitor.pipeline.stream_limits import stream_limits
 from rotary_error_monitor.signals.blocks import block_from_samples
-from rotary_error_monitor.twin.document import stage_mapping
 
 from . import drawn
 

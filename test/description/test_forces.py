@@ -9,11 +9,10 @@ import yaml
 from described_stages import stage_of
 from description.test_thermometers import line_of
 
-from rotary_error_monitor.description.stage import load_stage
+from rotary_error_monitor.description.stage import load_stage, stage_mapping
 from rotary_error_monitor.description.wire import wire_of
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.resources import config
-from rotary_error_monitor.twin.document import stage_mapping
 
 DOC = Path(__file__).parents[2] / "doc"
 CELL = {"kind": "force", "noise": 0.1, "resolution": 0.05, "range": 500.0, "uncertainty": 0.5, "azimuth": 0.3}

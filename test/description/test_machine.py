@@ -11,14 +11,12 @@ import pytest
 import yaml
 
 from rotary_error_monitor.description.machine import (
-    Displacement,
-    ErrorComponent,
-    Harmonic,
     MachineDescription,
     load_machine,
     machine_from_mapping,
     machine_mapping,
 )
+from rotary_error_monitor.description.machine_parts import Displacement, ErrorComponent, Harmonic
 from rotary_error_monitor.errors import InputError
 
 REFERENCE = Path(__file__).parents[1] / "reference"

@@ -6,7 +6,8 @@ import pytest
 import yaml
 from described_stages import stage_of
 
-from rotary_error_monitor.description.stage import Response, load_stage, stage_mapping
+from rotary_error_monitor.description.response import Response
+from rotary_error_monitor.description.stage import load_stage, stage_mapping
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.resources import config
 

@@ -13,7 +13,8 @@ import yaml
 from numpy.typing import NDArray
 from pytransform3d.rotations import matrix_from_compact_axis_angle
 
-from rotary_error_monitor.description.machine import Displacement, ErrorComponent, MachineDescription, load_machine
+from rotary_error_monitor.description.machine import MachineDescription, load_machine
+from rotary_error_monitor.description.machine_parts import Displacement, ErrorComponent
 
 REFERENCE = Path(__file__).parents[1] / "reference"
 Array = NDArray[np.float64]

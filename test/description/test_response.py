@@ -13,13 +13,13 @@ import yaml
 from described_stages import stage_of
 
 from rotary_error_monitor.description.response import IDEAL, Response
-from rotary_error_monitor.description.stage import Autocollimator, load_stage
+from rotary_error_monitor.description.stage import load_stage, stage_mapping
+from rotary_error_monitor.description.two_axis_section import Autocollimator
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.responses import correct_block
 from rotary_error_monitor.metrology.tilt import check_saturation
 from rotary_error_monitor.resources import config
 from rotary_error_monitor.signals.blocks import block_from_samples
-from rotary_error_monitor.twin.document import stage_mapping
 
 START = 1_763_700_000_000_000_000
 TIMES = START + np.array([0, 100_001, 250_000])

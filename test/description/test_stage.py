@@ -8,9 +8,11 @@ import pytest
 import yaml
 
 from rotary_error_monitor.cli import main
+from rotary_error_monitor.description.harmonics import AngularHarmonic, PlanarHarmonic
 from rotary_error_monitor.description.listed_sensors import ListedSensor
-from rotary_error_monitor.description.stage import AngularHarmonic, Autocollimator, Lvdt, PlanarHarmonic, load_stage
+from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.description.stage_section import PARAMETERS
+from rotary_error_monitor.description.two_axis_section import Autocollimator, Lvdt
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.resources import config
 from rotary_error_monitor.twin.stage_parameters import uncertain_parameters

@@ -8,11 +8,10 @@ import pytest
 import yaml
 from described_stages import stage_of
 
-from rotary_error_monitor.description.stage import load_stage
+from rotary_error_monitor.description.stage import load_stage, stage_mapping
 from rotary_error_monitor.description.wire import wire_of
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.resources import config
-from rotary_error_monitor.twin.document import stage_mapping
 
 OWN = {"kind": "thermometer", "noise": 0.02, "resolution": 0.01, "range": 100.0, "uncertainty": 0.1}
 PROBE = {"kind": "axial_probe", "radius": 0.0, "noise": 1e-8, "resolution": 1e-9, "range": 1e-4, "uncertainty": 1e-7}

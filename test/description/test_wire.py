@@ -10,7 +10,8 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
-from rotary_error_monitor.description.wire import SAMPLE_BLOCK, Field, load_wire, markdown_table
+from rotary_error_monitor.description.wire import load_wire, markdown_table
+from rotary_error_monitor.description.wire_section import SAMPLE_BLOCK, Field
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.resources import share
 

@@ -8,17 +8,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 
-from rotary_error_monitor.description.stage import (
-    AngularHarmonic,
-    Autocollimator,
-    Encoder,
-    ListedSensor,
-    Lvdt,
-    Mirror,
-    PlanarHarmonic,
-    Spindle,
-    StageDescription,
-)
+from rotary_error_monitor.description.harmonics import AngularHarmonic, PlanarHarmonic
+from rotary_error_monitor.description.listed_sensors import ListedSensor
+from rotary_error_monitor.description.spindle_section import Spindle
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.stage_section import Encoder, Mirror
+from rotary_error_monitor.description.two_axis_section import Autocollimator, Lvdt
 from rotary_error_monitor.effects.effect import Cause, place_of
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import RotorState, StageEffect, effects_of

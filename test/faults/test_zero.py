@@ -11,7 +11,8 @@ from world import random_stage
 
 from faults.judging import TURN_OF_THE_NODE, record, stream_of
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
-from rotary_error_monitor.pipeline.estimation import Estimator, EstimatorSettings
+from rotary_error_monitor.pipeline.estimation import Estimator
+from rotary_error_monitor.pipeline.estimator_settings import EstimatorSettings
 from rotary_error_monitor.pipeline.verdict import DOUBTS
 
 UNVERIFIED = 1 << DOUBTS.index("unverified")

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from rotary_error_monitor.gap.orders import order_spectrum
+from rotary_error_monitor.gap.posterior import PRIOR_OF_UNKNOWN
 from rotary_error_monitor.gap.problem import Finding
 from rotary_error_monitor.gap.structure import Track, find_shared, find_structure
-from rotary_error_monitor.gap.verdict import PRIOR_OF_UNKNOWN, Verdict, probability_of_unknown
+from rotary_error_monitor.gap.verdict import Verdict, probability_of_unknown
 from rotary_error_monitor.kinds.stage.search import find_step, find_wave
 
 COUNT, PERIOD = 6000, 0.004

@@ -12,7 +12,8 @@ from pytransform3d.batch_rotations import matrices_from_compact_axis_angles
 from pytransform3d.trajectories import concat_many_to_many
 from scipy.spatial.transform import Rotation
 
-from rotary_error_monitor.description.machine import DIRECTIONS, ErrorComponent, MachineDescription
+from rotary_error_monitor.description.machine import DIRECTIONS, MachineDescription
+from rotary_error_monitor.description.machine_parts import ErrorComponent
 
 Array = NDArray[np.float64]
 

@@ -10,12 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rotary_error_monitor.description.machine import (
-    Displacement,
-    ErrorComponent,
-    MachineDescription,
-    load_machine,
-)
+from rotary_error_monitor.description.machine import MachineDescription, load_machine
+from rotary_error_monitor.description.machine_parts import Displacement, ErrorComponent
 from rotary_error_monitor.machine.budget import estimate_budget
 from rotary_error_monitor.machine.error_model import predict_tool_offset
 from rotary_error_monitor.machine.kinematics import arrange_machine

@@ -14,14 +14,8 @@ import pytest
 from numpy.typing import NDArray
 from pytransform3d.rotations import matrix_from_compact_axis_angle
 
-from rotary_error_monitor.description.machine import (
-    DIRECTIONS,
-    Axis,
-    Body,
-    Displacement,
-    MachineDescription,
-    load_machine,
-)
+from rotary_error_monitor.description.machine import DIRECTIONS, MachineDescription, load_machine
+from rotary_error_monitor.description.machine_parts import Axis, Body, Displacement
 from rotary_error_monitor.machine.characteristic import (
     CharacteristicMatrices,
     Entries,

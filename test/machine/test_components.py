@@ -7,14 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rotary_error_monitor.description.machine import (
-    Axis,
-    Body,
-    ErrorComponent,
-    ErrorTable,
-    Harmonic,
-    MachineDescription,
-)
+from rotary_error_monitor.description.machine import MachineDescription
+from rotary_error_monitor.description.machine_parts import Axis, Body, ErrorComponent, ErrorTable, Harmonic
 from rotary_error_monitor.machine.components import arrange_components
 
 AXIS = Axis("Z", "linear", (0.0, 0.0, 1.0), (1.0, 5.0))

@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from rotary_error_monitor.description.machine import Displacement, MachineDescription, load_machine
+from rotary_error_monitor.description.machine import MachineDescription, load_machine
+from rotary_error_monitor.description.machine_parts import Displacement
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.correction import remaining_offset, solve_axis_corrections
 from rotary_error_monitor.machine.error_model import predict_tool_offset

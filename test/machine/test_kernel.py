@@ -18,7 +18,8 @@ import setuptools
 from kernels import computing_by, drawn_machine, drawn_poses, is_built
 from numpy.typing import NDArray
 
-from rotary_error_monitor.description.machine import Body, MachineDescription, load_machine
+from rotary_error_monitor.description.machine import MachineDescription, load_machine
+from rotary_error_monitor.description.machine_parts import Body
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.libraries import VARIABLE, source_digest
 from rotary_error_monitor.machine import kernel

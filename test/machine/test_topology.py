@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from rotary_error_monitor.description.machine import Body, load_machine
+from rotary_error_monitor.description.machine import load_machine
+from rotary_error_monitor.description.machine_parts import Body
 from rotary_error_monitor.machine.topology import branches, low_order_array
 
 TABLE = Path(__file__).parents[1] / "reference" / "pan2013_table1.yaml"

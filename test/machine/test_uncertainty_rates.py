@@ -15,7 +15,8 @@ from kernels import FORMS, computing_by, is_built
 from numpy.typing import NDArray
 
 from rotary_error_monitor.calibration.volume import draws_for, estimate_uncertain_offsets, sample_volume
-from rotary_error_monitor.description.machine import Displacement, MachineDescription, load_machine
+from rotary_error_monitor.description.machine import MachineDescription, load_machine
+from rotary_error_monitor.description.machine_parts import Displacement
 from rotary_error_monitor.machine.budget import offset_covariance
 
 Array = NDArray[np.float64]

@@ -15,14 +15,10 @@ import pytest
 import simulated_shaft
 from draws import seeds
 
-from rotary_error_monitor.description.stage import (
-    AngularHarmonic,
-    Autocollimator,
-    Encoder,
-    Mirror,
-    PlanarHarmonic,
-    StageDescription,
-)
+from rotary_error_monitor.description.harmonics import AngularHarmonic, PlanarHarmonic
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.stage_section import Encoder, Mirror
+from rotary_error_monitor.description.two_axis_section import Autocollimator
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.mirror_assembly import DELAY_STD, doubt_mirror, estimate_mirror_assembly
 from rotary_error_monitor.metrology.ring_assembly import estimate_ring_assembly

@@ -5,14 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rotary_error_monitor.description.stage import (
-    AngularHarmonic,
-    Autocollimator,
-    Encoder,
-    Mirror,
-    PlanarHarmonic,
-    Turbulence,
-)
+from rotary_error_monitor.description.harmonics import AngularHarmonic, PlanarHarmonic
+from rotary_error_monitor.description.stage_section import Encoder, Mirror
+from rotary_error_monitor.description.two_axis_section import Autocollimator, Turbulence
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology import error_motion as motion
 from rotary_error_monitor.metrology.tilt import check_saturation, tilt_from_quadrants

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from rotary_error_monitor.description.stage import PlanarHarmonic
+from rotary_error_monitor.description.harmonics import PlanarHarmonic
 from rotary_error_monitor.metrology.harmonics import planar_sum
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from received_blocks import block_of
 
 from rotary_error_monitor.codec.error_motion_blocks import error_motion_from_block
-from rotary_error_monitor.pipeline.estimation import EstimatorSettings
+from rotary_error_monitor.pipeline.estimator_settings import EstimatorSettings
 from rotary_error_monitor.recordings.replayed import Replay
 
 PATIENCE = 1.0

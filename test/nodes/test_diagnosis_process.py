@@ -9,9 +9,9 @@ import pytest
 import yaml
 
 from rotary_error_monitor.cases.making import make_stage_case
+from rotary_error_monitor.description.stage import stage_mapping
 from rotary_error_monitor.description.wire import load_wire
 from rotary_error_monitor.nodes.diagnosis_process import LATEST, DiagnosisProcess
-from rotary_error_monitor.twin.document import stage_mapping
 
 PATIENCE = 60.0
 

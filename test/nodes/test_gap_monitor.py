@@ -13,6 +13,7 @@ import yaml
 
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.cases.making import make_stage_case
+from rotary_error_monitor.description.stage import stage_mapping
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes.autocollimator import Autocollimator
 from rotary_error_monitor.nodes.diagnosis_process import LATEST
@@ -20,7 +21,6 @@ from rotary_error_monitor.nodes.encoder_head import EncoderHead
 from rotary_error_monitor.nodes.gap_monitor import GapMonitor
 from rotary_error_monitor.nodes.mock_controller import MockController
 from rotary_error_monitor.testing import Cell
-from rotary_error_monitor.twin.document import stage_mapping
 
 STEP_NS = 250_000_000
 LENGTH = 20.0  # s, 11.5 turns

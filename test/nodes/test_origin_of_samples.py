@@ -11,7 +11,7 @@ from nodes.probes import stage_with_probes
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 
-from rotary_error_monitor.bags.metadata import read_metadata
+from rotary_error_monitor.bags.metadata import SIMULATED, read_metadata
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.bags.recovery import recover
 from rotary_error_monitor.errors import InputError
@@ -23,7 +23,7 @@ from rotary_error_monitor.nodes.error_estimator import ErrorEstimator
 from rotary_error_monitor.nodes.listed_sensor import ListedSensorNode
 from rotary_error_monitor.nodes.lvdt import Lvdt
 from rotary_error_monitor.nodes.mock_controller import MockController
-from rotary_error_monitor.nodes.recorder import SIMULATED, Recorder
+from rotary_error_monitor.nodes.recorder import Recorder
 from rotary_error_monitor.nodes.stage_command import StageCommand
 from rotary_error_monitor.nodes.stage_follower import StageFollower
 from rotary_error_monitor.nodes.stage_force import StageForce

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from pipeline.test_estimation import AZIMUTHS, SPEED, STAGE, START, in_order, run, streams, true_motion
 from pushed_inputs import push_block
 
-from rotary_error_monitor.pipeline.estimation import Estimator, EstimatorSettings
+from rotary_error_monitor.pipeline.estimation import Estimator
+from rotary_error_monitor.pipeline.estimator_settings import EstimatorSettings
 from rotary_error_monitor.pipeline.evidence import COLUMNS, INDEX, Means, Scatter, Window
 from rotary_error_monitor.pipeline.tilt_belief import TiltBelief
 from rotary_error_monitor.signals.blocks import SampleBlock

@@ -13,16 +13,14 @@ from hypothesis import strategies as st
 from motion_numbers import assert_same_bits, decisions_of, numbers_of
 from pushed_inputs import push_block
 
-from rotary_error_monitor.description.stage import (
-    AngularHarmonic,
-    Autocollimator,
-    Encoder,
-    Mirror,
-    StageDescription,
-)
+from rotary_error_monitor.description.harmonics import AngularHarmonic
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.stage_section import Encoder, Mirror
+from rotary_error_monitor.description.two_axis_section import Autocollimator
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
-from rotary_error_monitor.pipeline.estimation import Estimator, EstimatorSettings
+from rotary_error_monitor.pipeline.estimation import Estimator
+from rotary_error_monitor.pipeline.estimator_settings import EstimatorSettings
 from rotary_error_monitor.signals.admission import LATE, NOT_FINITE
 from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
 

@@ -13,7 +13,9 @@ from hypothesis import strategies as st
 from pipeline.test_estimation import SPEED, STAGE, true_motion
 from pipeline.test_listed_sensors import AXIAL, described, off, recorded, run, truth
 
-from rotary_error_monitor.description.stage import AngularHarmonic, ListedSensor, StageDescription, stage_mapping
+from rotary_error_monitor.description.harmonics import AngularHarmonic
+from rotary_error_monitor.description.listed_sensors import ListedSensor
+from rotary_error_monitor.description.stage import StageDescription, stage_mapping
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.evidence import COLUMNS
 from rotary_error_monitor.pipeline.listed_readings import ListedReadings, ListedTicks

@@ -11,10 +11,12 @@ from pipeline.test_estimation import NAMES, SPEED, STAGE, START, in_order, true_
 from pushed_inputs import push_block
 
 from rotary_error_monitor.codec.error_motion_blocks import block_from_error_motion, error_motion_from_block
-from rotary_error_monitor.description.stage import AngularHarmonic, ListedSensor, PlanarHarmonic
+from rotary_error_monitor.description.harmonics import AngularHarmonic, PlanarHarmonic
+from rotary_error_monitor.description.listed_sensors import ListedSensor
 from rotary_error_monitor.description.wire import load_wire
 from rotary_error_monitor.metrology.error_motion import COMPONENTS, ErrorMotion
-from rotary_error_monitor.pipeline.estimation import Estimator, EstimatorSettings
+from rotary_error_monitor.pipeline.estimation import Estimator
+from rotary_error_monitor.pipeline.estimator_settings import EstimatorSettings
 from rotary_error_monitor.pipeline.observability import possible_components, unchecked_sensors
 from rotary_error_monitor.pipeline.repetition import OTHERS
 from rotary_error_monitor.signals.blocks import block_from_samples

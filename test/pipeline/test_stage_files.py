@@ -19,7 +19,8 @@ from scipy.stats import binom
 from staged_files import BALL_PROBE, STAGES
 
 from rotary_error_monitor.metrology.error_motion import COMPONENTS, ErrorMotion
-from rotary_error_monitor.pipeline.estimation import Estimator, EstimatorSettings
+from rotary_error_monitor.pipeline.estimation import Estimator
+from rotary_error_monitor.pipeline.estimator_settings import EstimatorSettings
 from rotary_error_monitor.plant.scene import Fault
 from rotary_error_monitor.sources.mock import MockSettings, mock_stage
 

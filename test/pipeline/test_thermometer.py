@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.pipeline.compensation import Compensator
-from rotary_error_monitor.pipeline.thermometer import BEYOND, FAST, JITTER, NOT_FINITE, Thermometer, Warmth
+from rotary_error_monitor.pipeline.thermometer import BEYOND, FAST, JITTER, Thermometer, Warmth
+from rotary_error_monitor.signals.admission import NOT_FINITE
 
 MACHINE = load_machine("xyzac_trt")
 S = 1_000_000_000

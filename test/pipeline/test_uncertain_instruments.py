@@ -14,9 +14,11 @@ from pipeline.test_listed_sensors import AXIAL, SECOND, described, off, recorded
 from pushed_inputs import push_block
 from scipy.stats import chi2
 
-from rotary_error_monitor.description.stage import Mirror, StageDescription, stage_mapping
+from rotary_error_monitor.description.stage import StageDescription, stage_mapping
+from rotary_error_monitor.description.stage_section import Mirror
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
-from rotary_error_monitor.pipeline.estimation import Estimator, EstimatorSettings
+from rotary_error_monitor.pipeline.estimation import Estimator
+from rotary_error_monitor.pipeline.estimator_settings import EstimatorSettings
 from rotary_error_monitor.pipeline.evidence import COLUMNS
 from rotary_error_monitor.pipeline.late_tilt import LateTilt
 from rotary_error_monitor.pipeline.listed_readings import ListedReadings

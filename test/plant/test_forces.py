@@ -7,9 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rotary_error_monitor.description.stage import ListedSensor, load_stage
+from rotary_error_monitor.description.listed_sensors import ListedSensor
+from rotary_error_monitor.description.stage import load_stage
+from rotary_error_monitor.plant.clocks import stage_clocks
 from rotary_error_monitor.plant.environment import intermittent_forces
-from rotary_error_monitor.plant.stage import StagePlant, stage_clocks
+from rotary_error_monitor.plant.stage import StagePlant
 
 OWN = ListedSensor("force", 0.05, 0.01, 200.0, 0.3, fields=("force_x", "force_y"), unit="N")
 NOSE = replace(OWN, zero=(4.0, -2.0), gain=-1.5, place={"azimuth": np.pi / 6})

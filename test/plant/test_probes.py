@@ -9,18 +9,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rotary_error_monitor.description.stage import (
-    AngularHarmonic,
-    Encoder,
-    ListedSensor,
-    PlanarHarmonic,
-    Spindle,
-    StageDescription,
-)
+from rotary_error_monitor.description.harmonics import AngularHarmonic, PlanarHarmonic
+from rotary_error_monitor.description.listed_sensors import ListedSensor
+from rotary_error_monitor.description.spindle_section import Spindle
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.stage_section import Encoder
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.plant.clocks import stage_clocks
 from rotary_error_monitor.plant.listed.radial_probe import ARTEFACT_RADIUS
 from rotary_error_monitor.plant.scene import Fault, Scene
-from rotary_error_monitor.plant.stage import StagePlant, stage_clocks
+from rotary_error_monitor.plant.stage import StagePlant
 
 Array = NDArray[np.float64]
 TIME = np.linspace(0, 20, 2001)

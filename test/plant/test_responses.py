@@ -7,8 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rotary_error_monitor.description.harmonics import AngularHarmonic
+from rotary_error_monitor.description.listed_sensors import ListedSensor
 from rotary_error_monitor.description.response import Response
-from rotary_error_monitor.description.stage import AngularHarmonic, ListedSensor, load_stage
+from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.plant import StagePlant, stage_clocks
 
 STAGE = load_stage()

@@ -9,21 +9,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rotary_error_monitor.description.stage import (
-    AngularHarmonic,
-    Autocollimator,
-    Encoder,
-    Lvdt,
-    Mirror,
-    PlanarHarmonic,
-    Spindle,
-    StageDescription,
-    Turbulence,
-)
+from rotary_error_monitor.description.harmonics import AngularHarmonic, PlanarHarmonic
+from rotary_error_monitor.description.spindle_section import Spindle
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.stage_section import Encoder, Mirror
+from rotary_error_monitor.description.two_axis_section import Autocollimator, Lvdt, Turbulence
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.plant.clocks import Clock, stage_clocks
 from rotary_error_monitor.plant.environment import intermittent_forces
 from rotary_error_monitor.plant.motion import random_motion
-from rotary_error_monitor.plant.stage import Clock, StagePlant, stage_clocks
+from rotary_error_monitor.plant.stage import StagePlant
 
 Array = NDArray[np.float64]
 EPOCH = 1_763_700_000_000_000_000

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from rotary_error_monitor.cases.faults import make_fault
-from rotary_error_monitor.description.stage import ListedSensor, load_stage
+from rotary_error_monitor.description.listed_sensors import ListedSensor
+from rotary_error_monitor.description.stage import load_stage
+from rotary_error_monitor.plant.clocks import stage_clocks
 from rotary_error_monitor.plant.environment import Temperature
-from rotary_error_monitor.plant.stage import StagePlant, stage_clocks
+from rotary_error_monitor.plant.stage import StagePlant
 
 NAMES = ("thermometer_bearing", "thermometer_housing")
 OWN = ListedSensor("thermometer", 0.02, 0.01, 100.0, 0.1, zero=0.5, fields=("temperature",), unit="°C")

@@ -16,7 +16,8 @@ from rotary_error_monitor.codec.error_motion_blocks import block_from_error_moti
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.description.wire import load_wire
-from rotary_error_monitor.pipeline.estimation import Estimator, EstimatorSettings
+from rotary_error_monitor.pipeline.estimation import Estimator
+from rotary_error_monitor.pipeline.estimator_settings import EstimatorSettings
 from rotary_error_monitor.recordings.replay import replay_bag
 from rotary_error_monitor.recordings.stage_check import check_stage
 from rotary_error_monitor.signals.blocks import block_from_samples

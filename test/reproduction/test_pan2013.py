@@ -14,7 +14,8 @@ from calibration.tracked_axes import Lines
 from numpy.typing import NDArray
 
 from rotary_error_monitor.cli import main
-from rotary_error_monitor.description.machine import ErrorComponent, Harmonic, MachineDescription, load_machine
+from rotary_error_monitor.description.machine import MachineDescription, load_machine
+from rotary_error_monitor.description.machine_parts import ErrorComponent, Harmonic
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant.machine import MachinePlant, make_poses
 from rotary_error_monitor.reproduction import pan2013_rows as printed

@@ -17,18 +17,19 @@ from mock_bags import EPOCH_NS, record
 from staged_files import BALL_PROBE, STAGES
 
 from rotary_error_monitor.cli import main
-from rotary_error_monitor.description.stage import StageDescription, load_stage
+from rotary_error_monitor.description.stage import StageDescription, load_stage, stage_mapping
 from rotary_error_monitor.description.wire import wire_of
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.noise.channels import channels_of
 from rotary_error_monitor.pipeline.observability import possible_components
 from rotary_error_monitor.pipeline.surfaces import surfaces
-from rotary_error_monitor.plant.stage import Fault, StagePlant, stage_clocks
+from rotary_error_monitor.plant.clocks import stage_clocks
+from rotary_error_monitor.plant.scene import Fault
+from rotary_error_monitor.plant.stage import StagePlant
 from rotary_error_monitor.recordings.analysis import analyse_bag
 from rotary_error_monitor.resources import config
 from rotary_error_monitor.sensors.library import listed_fields, sensor_kinds, sensor_of
 from rotary_error_monitor.sources.mock import MockSettings, mock_stage
-from rotary_error_monitor.twin.document import stage_mapping
 from rotary_error_monitor.twin.recording import record_stage
 from rotary_error_monitor.twin.stage_parameters import uncertain_parameters
 

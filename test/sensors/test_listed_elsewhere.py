@@ -9,7 +9,8 @@ from world import Options, make_recording, random_stage, samples, with_probes, w
 
 from rotary_error_monitor.description.listed_sensors import is_input
 from rotary_error_monitor.description.sensor_section import sensor_kinds
-from rotary_error_monitor.plant.stage import StagePlant, stage_clocks
+from rotary_error_monitor.plant.clocks import stage_clocks
+from rotary_error_monitor.plant.stage import StagePlant
 from rotary_error_monitor.sensors.library import sensor_of
 from rotary_error_monitor.sensors.listed import ListedKind
 

@@ -13,8 +13,9 @@ from without_heads import STREAMS, example
 
 from rotary_error_monitor.bags.writer import write_messages
 from rotary_error_monitor.cli import main
-from rotary_error_monitor.description.stage import Autocollimator, load_stage
+from rotary_error_monitor.description.stage import load_stage, stage_mapping
 from rotary_error_monitor.description.topics import samples_topic
+from rotary_error_monitor.description.two_axis_section import Autocollimator
 from rotary_error_monitor.description.wire import wire_of
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect, effects_of
@@ -22,7 +23,6 @@ from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.pipeline.estimation import Estimator
 from rotary_error_monitor.pipeline.observability import possible_components, unchecked_sensors
 from rotary_error_monitor.signals.blocks import block_from_samples
-from rotary_error_monitor.twin.document import stage_mapping
 
 START = 1_763_700_000_000_000_000
 

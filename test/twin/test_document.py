@@ -8,13 +8,13 @@ import yaml
 from described_stages import stage_of
 
 from rotary_error_monitor.cases.making import make_stage_case
-from rotary_error_monitor.description.machine import load_machine, machine_from_mapping
-from rotary_error_monitor.description.stage import TIMINGS, load_stage
+from rotary_error_monitor.description.machine import load_machine, machine_from_mapping, machine_mapping
+from rotary_error_monitor.description.stage import TIMINGS, load_stage, stage_mapping
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.library import effect_named, load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.twin.document import causes_from_rows, effect_rows, machine_mapping, stage_mapping
+from rotary_error_monitor.twin.document import causes_from_rows, effect_rows
 from rotary_error_monitor.twin.stage_parameters import uncertain_parameters
 
 

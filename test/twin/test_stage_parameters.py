@@ -9,7 +9,7 @@ import pytest
 from probed_stage import HIGH, LOW, STAGE, TOP
 
 from rotary_error_monitor.cases.making import make_stage_case
-from rotary_error_monitor.description.stage import AngularHarmonic, PlanarHarmonic
+from rotary_error_monitor.description.harmonics import AngularHarmonic, PlanarHarmonic
 from rotary_error_monitor.twin.recording import record_stage
 from rotary_error_monitor.twin.stage import StageInputs, StageTwin, twin_of
 from rotary_error_monitor.twin.stage_parameters import uncertain_parameters

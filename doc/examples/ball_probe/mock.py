@@ -4,8 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.description.listed_sensors import ListedSensor
-from rotary_error_monitor.plant.geometry import Tilting, Turns
-from rotary_error_monitor.plant.instruments import waves
+from rotary_error_monitor.plant.geometry import Tilting, Turns, waves
 from rotary_error_monitor.plant.scene import Scene
 
 RADIUS = 0.0125

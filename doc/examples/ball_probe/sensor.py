@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from rotary_error_monitor.effects.rotor import Array
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.sensors.listed import ListedKind
 
 

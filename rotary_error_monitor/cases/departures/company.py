@@ -11,7 +11,7 @@ from rotary_error_monitor.cases.departures.departure import Departure, Part, Ran
 from rotary_error_monitor.cases.faults import Named
 from rotary_error_monitor.cases.faults.axes import CyclicError
 from rotary_error_monitor.plant.machine import MachineFault
-from rotary_error_monitor.plant.stage import Fault
+from rotary_error_monitor.plant.scene import Fault
 
 LEAST_ORDER = 2
 """Order 1 is another effect where radial, tilt and the mirror are concerned."""

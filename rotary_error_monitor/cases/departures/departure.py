@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rotary_error_monitor.cases.faults import Named
 from rotary_error_monitor.plant.machine import MachineFault
-from rotary_error_monitor.plant.stage import Fault
+from rotary_error_monitor.plant.scene import Fault
 
 Reals = NDArray[np.float64]
 Ranges = Mapping[str, tuple[float, float]]

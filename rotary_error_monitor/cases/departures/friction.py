@@ -13,7 +13,7 @@ from rotary_error_monitor.cases.faults import Named
 from rotary_error_monitor.cases.faults.rotor import RadialHysteresis, ReversalBacklash
 from rotary_error_monitor.plant.geometry import Plane
 from rotary_error_monitor.plant.motion import CommandedCourse
-from rotary_error_monitor.plant.stage import Fault, Scene
+from rotary_error_monitor.plant.scene import Fault, Scene
 
 STEP = 0.004
 """Step, s, at which the past of a drive is followed."""

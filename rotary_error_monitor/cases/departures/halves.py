@@ -12,7 +12,7 @@ from rotary_error_monitor.cases.departures.poses import ByAxis, PoseSwell, place
 from rotary_error_monitor.cases.departures.swells import Swell
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.plant.machine import Poses
-from rotary_error_monitor.plant.stage import Scene
+from rotary_error_monitor.plant.scene import Scene
 
 USUAL_DURATION = 40.0
 """Duration, s, of the recordings that moments and pauses are drawn for."""

@@ -14,7 +14,7 @@ from rotary_error_monitor.cases.faults import Named
 from rotary_error_monitor.cases.faults import instruments as seen
 from rotary_error_monitor.plant.environment import lagged_warming
 from rotary_error_monitor.plant.geometry import Plane
-from rotary_error_monitor.plant.stage import Fault, Scene
+from rotary_error_monitor.plant.scene import Fault, Scene
 
 
 @dataclass(frozen=True, kw_only=True)

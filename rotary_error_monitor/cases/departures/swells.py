@@ -12,7 +12,7 @@ from rotary_error_monitor.cases.departures.departure import Departure, Part, Ran
 from rotary_error_monitor.cases.faults import Named, StageFault
 from rotary_error_monitor.plant.environment import lagged_warming
 from rotary_error_monitor.plant.noise import Noise, Turbulence
-from rotary_error_monitor.plant.stage import Fault, Plant, Scene
+from rotary_error_monitor.plant.scene import Fault, Plant, Scene
 
 SIZES = (0.0, 0.5, 1.0)
 """Sizes at which a fault is simulated, times its own; those between and a little beyond follow from them."""

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rotary_error_monitor.cases.faults.named import Named, Pair, Reals, unnamed, vocabulary
-from rotary_error_monitor.description.machine import DIRECTIONS, Axis, Displacement, MachineDescription
+from rotary_error_monitor.description.machine import DIRECTIONS, MachineDescription
+from rotary_error_monitor.description.machine_parts import Axis, Displacement
 from rotary_error_monitor.plant.machine import MachineFault, Poses, over_travel
 
 Vector = tuple[float, float, float]

@@ -9,9 +9,11 @@ from typing import Self
 import numpy as np
 
 from rotary_error_monitor.cases.faults.named import Pair, Reals, StageFault, vocabulary
-from rotary_error_monitor.description.stage import PlanarHarmonic, StageDescription
+from rotary_error_monitor.description.harmonics import PlanarHarmonic
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.plant.clocks import HEAD
 from rotary_error_monitor.plant.geometry import Plane
-from rotary_error_monitor.plant.stage import HEAD, Scene
+from rotary_error_monitor.plant.scene import Scene
 
 
 @vocabulary("disc_eccentricity")

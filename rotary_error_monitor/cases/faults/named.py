@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Self, TypeVar, dataclass_transform
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.plant.stage import Fault
+from rotary_error_monitor.plant.scene import Fault
 
 Pair = tuple[float, float]
 Reals = Array

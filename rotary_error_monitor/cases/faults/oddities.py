@@ -6,7 +6,7 @@ import numpy as np
 
 from rotary_error_monitor.cases.faults.named import Pair, Reals, StageFault, unnamed
 from rotary_error_monitor.plant.geometry import Plane
-from rotary_error_monitor.plant.stage import Scene
+from rotary_error_monitor.plant.scene import Scene
 
 
 @unnamed("tilt_loop")

@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from rotary_error_monitor.cases.faults.named import Pair, Reals, StageFault, vocabulary
-from rotary_error_monitor.description.stage import PlanarHarmonic, StageDescription
+from rotary_error_monitor.description.harmonics import PlanarHarmonic
+from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.plant.geometry import Plane
-from rotary_error_monitor.plant.stage import Scene
+from rotary_error_monitor.plant.scene import Scene
 
 
 @vocabulary("spindle_radial")

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.description.machine import Axis
+from rotary_error_monitor.description.machine_parts import Axis
 from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.effects.machine_effect import LINEAR
 from rotary_error_monitor.gap.departures import Departures, by_rate, grows

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 from scipy.special import gammainc
 
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.description.machine import Axis, MachineDescription
+from rotary_error_monitor.description.machine import MachineDescription
+from rotary_error_monitor.description.machine_parts import Axis
 from rotary_error_monitor.effects.machine_effect import LINEAR, positioning_error
 from rotary_error_monitor.gap.options import FALSE_ALARMS
 from rotary_error_monitor.gap.p_values import chi_square_median, log_f_tail

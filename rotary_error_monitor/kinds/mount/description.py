@@ -14,7 +14,8 @@ from typing import Annotated
 import numpy as np
 
 from rotary_error_monitor.description.expected import Expected
-from rotary_error_monitor.description.machine import Axis, Body, Displacement, ErrorComponent, MachineDescription
+from rotary_error_monitor.description.machine import MachineDescription
+from rotary_error_monitor.description.machine_parts import Axis, Body, Displacement, ErrorComponent
 from rotary_error_monitor.description.quantities import HALF_TURN, Name
 from rotary_error_monitor.description.sections import load
 

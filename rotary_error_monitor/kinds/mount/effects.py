@@ -14,7 +14,8 @@ from typing import ClassVar
 import numpy as np
 
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.description.machine import Harmonic, MachineDescription
+from rotary_error_monitor.description.machine import MachineDescription
+from rotary_error_monitor.description.machine_parts import Harmonic
 from rotary_error_monitor.effects.effect import Effect, Parameter, Values, wave_of_order
 from rotary_error_monitor.effects.machine_effect import sign_of, with_positioning_error
 

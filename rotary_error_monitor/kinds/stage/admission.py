@@ -7,10 +7,11 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 import numpy as np
 
 from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.description.streams import COMMAND
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.kinds.stage.jitter import even_motion, orders_at_one_speed
 from rotary_error_monitor.noise.stage_noise import StageNoise
-from rotary_error_monitor.sensors.library import COMMAND, instrument_of, is_listed, sensor_of
+from rotary_error_monitor.sensors.library import instrument_of, is_listed, sensor_of
 from rotary_error_monitor.twin.recording import StageRecording
 from rotary_error_monitor.twin.stage import Signals
 

@@ -14,8 +14,9 @@ import numpy as np
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.streams import AUTOCOLLIMATOR
 from rotary_error_monitor.effects.effect import Cause, order_location
-from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, HEAD, StageEffect
+from rotary_error_monitor.effects.rotor import HEAD, StageEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.options import MOST_CAUSES
 from rotary_error_monitor.gap.orders import Angles

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rotary_error_monitor.description.streams import COMMAND
 from rotary_error_monitor.effects.effect import Cause, Searched, order_of
 from rotary_error_monitor.effects.rotor import StageEffect, is_among
 from rotary_error_monitor.gap.verdict import names_of
-from rotary_error_monitor.sensors.library import COMMAND, kind_of
+from rotary_error_monitor.sensors.library import kind_of
 from rotary_error_monitor.twin.recording import StageRecording
 
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.description.streams import COMMAND
 from rotary_error_monitor.gap.problem import Conditions
-from rotary_error_monitor.sensors.library import COMMAND
 from rotary_error_monitor.twin.recording import StageRecording
 
 SHORTEST_BLOCK = 1.0

@@ -14,9 +14,10 @@ from functools import partial
 import numpy as np
 
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.description.stage import Lvdt, StageDescription
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.streams import LVDT
+from rotary_error_monitor.description.two_axis_section import Lvdt
 from rotary_error_monitor.effects.effect import Cause, Role, place_of
-from rotary_error_monitor.effects.rotor import LVDT
 from rotary_error_monitor.gap.telling_apart import advise_best, distance
 from rotary_error_monitor.kinds.stage.rows import StageRows
 from rotary_error_monitor.sensors.library import instrument_of

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from rotary_error_monitor.description.stage import FORCE, StageDescription
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.streams import FORCE
 from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.metrology.forces import joined_force, load_cell
 from rotary_error_monitor.twin.recording import StageRecording, Stream

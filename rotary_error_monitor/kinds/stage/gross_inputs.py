@@ -7,9 +7,9 @@ from scipy.integrate import cumulative_trapezoid
 
 from rotary_error_monitor.arrays import Mask
 from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.streams import COMMAND
 from rotary_error_monitor.effects.rotor import HEAD
 from rotary_error_monitor.noise.channels import noise_std
-from rotary_error_monitor.sensors.library import COMMAND
 from rotary_error_monitor.signals.gross_readings import gross_readings, noise_beside_line
 from rotary_error_monitor.twin.recording import StageRecording, Stream
 

@@ -8,14 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rotary_error_monitor.bags.reader import BagReader
-from rotary_error_monitor.description.stage import StageDescription, load_stage
+from rotary_error_monitor.description.stage import StageDescription, load_stage, stage_mapping
 from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.kind import Kind, TwinFile, check_signal, opened_bag
 from rotary_error_monitor.sensors.library import absent_kinds
-from rotary_error_monitor.twin.document import stage_mapping
 from rotary_error_monitor.twin.recording import record_stage, streams_with, without_section
 
 if TYPE_CHECKING:

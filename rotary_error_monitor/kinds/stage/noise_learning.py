@@ -9,6 +9,7 @@ from hashlib import sha256
 import numpy as np
 
 from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.description.streams import COMMAND
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.rotor import HEAD
 from rotary_error_monitor.gap.known_effects import KnownEffects
@@ -24,7 +25,7 @@ from rotary_error_monitor.kinds.stage.rows import StageRows
 from rotary_error_monitor.kinds.stage.search import StageSearch
 from rotary_error_monitor.kinds.stage.signatures import KeptSignatures
 from rotary_error_monitor.noise.jitter import Jitter
-from rotary_error_monitor.sensors.library import COMMAND, instrument_of, is_listed
+from rotary_error_monitor.sensors.library import instrument_of, is_listed
 from rotary_error_monitor.twin.stage import Signals
 
 SAME_SPECTRUM = 0.12

@@ -7,8 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.description.streams import AUTOCOLLIMATOR
 from rotary_error_monitor.effects.effect import Cause
-from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, HEAD
+from rotary_error_monitor.effects.rotor import HEAD
 from rotary_error_monitor.kinds.stage.rows import StageRows
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout, estimate_ring_pose
 from rotary_error_monitor.metrology.error_motion import remove_eccentricity, remove_graduation, remove_mirror

@@ -10,6 +10,7 @@ import numpy as np
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.streams import COMMAND
 from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.effect import Cause, Role, among, values_of
 from rotary_error_monitor.effects.rotor import HEAD, StageEffect
@@ -47,7 +48,7 @@ from rotary_error_monitor.kinds.stage.where import stage_where
 from rotary_error_monitor.noise.channels import noise_std
 from rotary_error_monitor.noise.stage_noise import StageNoise
 from rotary_error_monitor.noise.whitening import side_by_side
-from rotary_error_monitor.sensors.library import COMMAND, instrument_of, sensor_of
+from rotary_error_monitor.sensors.library import instrument_of, sensor_of
 from rotary_error_monitor.twin.recording import StageRecording, fields_of
 from rotary_error_monitor.twin.stage import Signals, StageTwin, twin_of
 

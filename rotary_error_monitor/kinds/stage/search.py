@@ -15,6 +15,7 @@ from scipy.optimize import minimize_scalar
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.harmonics import AngularHarmonic, PlanarHarmonic
 from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.streams import COMMAND
 from rotary_error_monitor.effects.effect import AnyEffect, Searched, order_location
 from rotary_error_monitor.effects.rotor import StageEffect, effects_of, is_among
 from rotary_error_monitor.gap.departures import SHARE
@@ -23,7 +24,7 @@ from rotary_error_monitor.gap.orders import order_spectrum, trials_of_waves
 from rotary_error_monitor.gap.problem import Candidate, Rows
 from rotary_error_monitor.kinds.stage.rows import StageRows
 from rotary_error_monitor.metrology.periodic_curves import doubted_orders
-from rotary_error_monitor.sensors.library import COMMAND, instrument_of, is_listed, kind_of
+from rotary_error_monitor.sensors.library import instrument_of, is_listed, kind_of
 from rotary_error_monitor.twin.recording import StageRecording
 
 PROPOSED_ORDERS = 3

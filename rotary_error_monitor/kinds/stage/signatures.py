@@ -8,11 +8,12 @@ from __future__ import annotations
 from collections.abc import Hashable, Mapping
 
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, HEAD
+from rotary_error_monitor.description.streams import AUTOCOLLIMATOR, COMMAND
+from rotary_error_monitor.effects.rotor import HEAD
 from rotary_error_monitor.gap.problem import Rows
 from rotary_error_monitor.kinds.stage.predictions import KEPT
 from rotary_error_monitor.noise.stage_noise import StageNoise
-from rotary_error_monitor.sensors.library import COMMAND, instrument_of
+from rotary_error_monitor.sensors.library import instrument_of
 
 SignatureKey = tuple[str, str, bytes, tuple[int, ...]]
 """Name and location of an effect, its values, and which of them are asked for."""

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.description.stage import ListedSensor, StageDescription
+from rotary_error_monitor.description.listed_sensors import ListedSensor
+from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.metrology.repeated_readings import runs_of
 from rotary_error_monitor.twin.recording import FEWEST_SAMPLES, StageRecording, Stream
 

@@ -13,9 +13,10 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.description.listed_sensors import ListedSensor
 from rotary_error_monitor.description.sensor_section import SHAFT_FORCE
-from rotary_error_monitor.description.stage import FORCE, OWN_THERMOMETER, ListedSensor
-from rotary_error_monitor.description.streams import TEMPERATURE
+from rotary_error_monitor.description.stage import OWN_THERMOMETER
+from rotary_error_monitor.description.streams import FORCE, TEMPERATURE
 from rotary_error_monitor.effects.rotor import RotorState, StageEffect
 from rotary_error_monitor.gap.problem import FIRST_ORDER
 from rotary_error_monitor.metrology.forces import LoadCell, load_cell, shares

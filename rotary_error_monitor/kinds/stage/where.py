@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 
 from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.description.streams import COMMAND
 from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.rotor import HEAD, RotorState
@@ -15,7 +16,7 @@ from rotary_error_monitor.gap.dependence import explained_by, explained_by_const
 from rotary_error_monitor.gap.normal import own_rest
 from rotary_error_monitor.gap.problem import Share
 from rotary_error_monitor.kinds.stage.rows import StageRows
-from rotary_error_monitor.sensors.library import COMMAND, instrument_of, sensor_of
+from rotary_error_monitor.sensors.library import instrument_of, sensor_of
 from rotary_error_monitor.twin.recording import fields_of
 
 ALIKE = 0.9

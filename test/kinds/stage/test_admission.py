@@ -11,7 +11,9 @@ from draws import seeds
 
 from rotary_error_monitor.cases.draws import draw_stage
 from rotary_error_monitor.cases.making import EPOCH_NS, make_stage_case
-from rotary_error_monitor.description.stage import Mirror, Spindle, load_stage
+from rotary_error_monitor.description.spindle_section import Spindle
+from rotary_error_monitor.description.stage import load_stage
+from rotary_error_monitor.description.stage_section import Mirror
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.errors import InputError

@@ -9,6 +9,7 @@ import pytest
 from draws import seeds
 
 from rotary_error_monitor.cases.making import make_stage_case
+from rotary_error_monitor.description.streams import COMMAND
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.library import effect_named, load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
@@ -18,7 +19,6 @@ from rotary_error_monitor.kinds.stage.another import BURIED, FALSE, stage_statem
 from rotary_error_monitor.kinds.stage.arc import Arc
 from rotary_error_monitor.kinds.stage.problem import StageProblem
 from rotary_error_monitor.plant.motion import Motion, Segment
-from rotary_error_monitor.sensors.library import COMMAND
 from rotary_error_monitor.twin.recording import record_stage
 
 EFFECTS = load_effects(StageEffect)

@@ -15,7 +15,7 @@ from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.loading import load_problem, load_twin
 from rotary_error_monitor.gap.verdict import Verdict
-from rotary_error_monitor.plant.stage import stage_clocks
+from rotary_error_monitor.plant.clocks import stage_clocks
 
 EFFECTS = load_effects(StageEffect)
 

@@ -9,7 +9,7 @@ from probed_stage import AROUND, Withheld, blocks_of, recorded, without_heads
 
 from rotary_error_monitor.bags.writer import write_messages
 from rotary_error_monitor.cli import main
-from rotary_error_monitor.description.stage import load_stage
+from rotary_error_monitor.description.stage import load_stage, stage_mapping
 from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
@@ -18,7 +18,6 @@ from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.verdict import Verdict
 from rotary_error_monitor.kinds.stage.stretches import LONGEST, stage_problem
 from rotary_error_monitor.sensors.library import absent_kinds
-from rotary_error_monitor.twin.document import stage_mapping
 from rotary_error_monitor.twin.recording import record_stage
 
 EFFECTS = load_effects(StageEffect)

@@ -1,0 +1,49 @@
+"""A name means one thing, and is imported from one place."""
+
+from __future__ import annotations
+
+import ast
+import re
+from functools import cache
+from pathlib import Path
+
+from house import PACKAGE, modules, tree_of
+
+import rotary_error_monitor
+
+OFFERED = PACKAGE / "__init__.py"
+"""What the package offers to notebooks; its docstring tells it."""
+
+
+@cache
+def imported(path: Path) -> dict[str, tuple[str, str, bool]]:
+    """Names that a file imports by `from`: the module, the name there, and whether `as` says the same name again."""
+    nodes = [node for node in ast.walk(tree_of(path)) if isinstance(node, ast.ImportFrom)]
+    return {
+        alias.asname or alias.name: (node.module or "", alias.name, alias.name == alias.asname)
+        for node in nodes
+        for alias in node.names
+    }
+
+
+def test_no_file_hands_on_what_another_one_defines():
+    handed_on = {path: [name for name, (*_, again) in imported(path).items() if again] for _, path in modules()}
+    assert set(handed_on.pop(OFFERED)) == set(rotary_error_monitor.__all__) - {"__version__"}
+    assert {str(path.relative_to(PACKAGE)): names for path, names in handed_on.items() if names} == {}
+
+
+IMPORT = re.compile(rf"^\s*from ({PACKAGE.name}[\w.]*) import (\([^)]*\)|.*)$", re.MULTILINE)
+
+
+def test_tests_and_examples_import_a_name_from_the_file_that_defines_it():
+    """In the package the type check sees to that."""
+    files = {".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts): path for _, path in modules()}
+    root = Path(__file__).parents[1]
+    found = [
+        f"{path.relative_to(root)} has {name} from {module}"
+        for path in (*root.glob("test/**/*.py"), *root.glob("doc/**/*.py"))
+        for module, names in IMPORT.findall(path.read_text(encoding="utf-8"))
+        for name in re.findall(r"\w+", names)
+        if module in files and name in imported(files[module])
+    ]
+    assert found == []
