@@ -10,7 +10,7 @@ for what a file may leave out. A range holds for files alone: in memory a diagno
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Literal, TypeVar, get_args, get_origin
 
@@ -47,6 +47,9 @@ class Section:
 
     names_as: ClassVar[str] = "one of"
     """What stands before the names of the fields where a file states another."""
+
+    beside: ClassVar[tuple[str, ...]] = ()
+    """What a file may state beside the fields: `arranged` takes it out."""
 
     @classmethod
     def variant(cls, content: Mapping[str, Any]) -> type[Any]:
@@ -248,15 +251,24 @@ def _values(kind: type[Any], value: Mapping[str, Any], place: Place, text: str, 
     """Fields of a section from what a file states."""
     known = {each.name: each for each in entries(kind) if not each.is_key}
     rules = kind if issubclass(kind, Section) else Section
-    for name in value:
-        if name not in known and not rules.is_open:
-            what = text or f"{rules.names_as} {', '.join(known)}"
-            raise WrongError(place, f"{name!r} was unexpected", what, key=name)
+    if not rules.is_open:
+        check_names(value, known, place, text or f"{rules.names_as} {', '.join((*known, *rules.beside))}")
     for name, each in known.items():
         if name not in value and each.required and not partly:
             raise WrongError(place, f"{name!r} is a required property", text_of(each.kind) or text)
     found = {name: _read(known[name].kind, each, (*place, name)) for name, each in value.items() if name in known}
     return found | {each.name: place[-1] for each in entries(kind) if each.is_key}
+
+
+def check_names(value: Iterable[str], known: Collection[str], place: Place, expected: str) -> None:
+    """Hold what a file states at a place against the names that may stand there.
+
+    Raises:
+        WrongError: a name is none of these.
+    """
+    for name in value:
+        if name not in known:
+            raise WrongError(place, f"{name!r} was unexpected", expected, key=name)
 
 
 def _names(kind: type[Any]) -> str:

@@ -97,6 +97,7 @@ class SensorSection(Section):
     measures: ClassVar[str] = ""
     or_else: ClassVar[str] = ""
     further: ClassVar[str] = ""
+    beside = ("unit",)
 
     kind: str
     noise: Annotated[Noise, Expected("standard deviation of one reading in m")]
@@ -126,7 +127,7 @@ class SensorSection(Section):
     def arranged(cls, content: Mapping[str, Any]) -> tuple[Mapping[str, Any], Mapping[Place, Place]]:
         """Without the unit, which is that of the kind."""
         check_unit(content)
-        return {name: value for name, value in content.items() if name != "unit"}, {}
+        return {name: value for name, value in content.items() if name not in cls.beside}, {}
 
     @classmethod
     def variant(cls, content: Mapping[str, Any]) -> type[Any]:

@@ -27,7 +27,7 @@ from rotary_error_monitor.description.quantities import (
     TiltPair,
 )
 from rotary_error_monitor.description.response import Response
-from rotary_error_monitor.description.sections import Place, Section, WrongError, stated
+from rotary_error_monitor.description.sections import Place, Section, WrongError, check_names, stated
 from rotary_error_monitor.description.sensor_places import heads_at_one_place, sensors_at_one_place
 from rotary_error_monitor.description.sensor_section import (
     OWN_KINDS,
@@ -210,6 +210,24 @@ def own_places(listed: object) -> dict[Place, Place]:
     return found
 
 
+_OWN_SECTIONS = dict(zip(OWN_KINDS, (Head, AutocollimatorSection, LvdtSection, CommandSection), strict=True))
+
+
+def _own_row(row: Mapping[str, Any], place: Place) -> dict[str, Any]:
+    """What a file lists of a head, autocollimator, LVDT or command at a place, as the section of its own has it.
+
+    Raises:
+        WrongError: its unit is another one, or it states what that section does not have.
+    """
+    try:
+        check_unit(row)
+    except WrongError as error:
+        raise error.at((*place, *error.place)) from None
+    known = ("kind", "unit", *_names(_OWN_SECTIONS[row["kind"]]))
+    check_names(row, known, place, f"of kind {row['kind']}: {', '.join(known)}")
+    return {name: value for name, value in row.items() if name not in ("kind", "unit")}
+
+
 @dataclass(frozen=True, kw_only=True)
 class StageSection(Section):
     """The section `stage`."""
@@ -255,11 +273,7 @@ class StageSection(Section):
             "sensors": {name: row for name, row in content["sensors"].items() if name not in own},
         }
         for place, stands in moved.items():
-            try:
-                check_unit(content["sensors"][stands[1]])
-            except WrongError as error:
-                raise error.at((*stands, *error.place)) from None
-            row = {name: value for name, value in content["sensors"][stands[1]].items() if name not in ("kind", "unit")}
+            row = _own_row(content["sensors"][stands[1]], stands)
             above, (*outer, name) = arranged, map(str, place)
             for step in outer:
                 above[step] = dict(above.get(step) or {})

@@ -62,11 +62,22 @@ def test_heads_may_stand_in_both(tmp_path):
     [
         ("azimuth: 0.0", "azimuth: 7.0", 4, r"stage.sensors.a.azimuth: 7.0 is greater than"),
         ("azimuth: 0.0, ", "", 4, "stage.sensors.a: 'azimuth' is a required property"),
-        ("sign: -1", "roll: 1.0", 5, "stage.sensors.b: 'roll' was unexpected"),
+        (
+            "sign: -1",
+            "roll: 1.0",
+            5,
+            "stage.sensors.b: 'roll' was unexpected; expected: of kind read_head: kind, unit, zero",
+        ),
         ("noise: 4.8e-07, gain", "noise: 0.5, gain", 7, "stage.sensors.tilt.noise: 0.5 is greater"),
         (RING, RING + ", heads: {a: {azimuth: 4.7}}", 4, "stage.sensors.a: there is one in 'encoder.heads.a' already"),
         ("kind: lvdt, height: 0.016, noise: 5.0e-08", "kind: autocollimator", 8, "'tilt' is of kind autocollimator al"),
-        ("sign: -1, gain: 2.5", "azimuth: 1.0", 9, "stage.sensors.drive: 'azimuth' was unexpected"),
+        (
+            "sign: -1, gain: 2.5",
+            "azimuth: 1.0",
+            9,
+            "stage.sensors.drive: 'azimuth' was unexpected; expected: of kind command: kind, unit,",
+        ),
+        ("kind: axial_probe", "kind: axial_probe, roll: 1.0", 10, "top: 'roll' was unexpected; .* kind, noise.*, unit"),
         ("gain: 2.5", "gain: 0.0", 9, "stage.sensors.drive.gain: 0.0 is less than the minimum of 1e-06"),
         ("unit: rad", "unit: mm", 9, "stage.sensors.drive.unit: 'mm' is no unit of kind command; expected: rad; where"),
         ("height: 0.016", "unit: rad", 8, "stage.sensors.artefact.unit: 'rad' is no unit of kind lvdt; expected: m;"),
@@ -86,3 +97,17 @@ def test_what_cannot_be_is_refused_with_its_line(old, new, line, told, tmp_path)
     assert old in LISTED
     with pytest.raises(InputError, match=rf"stage.yaml:{line}: .*{told}"):
         load_text(tmp_path, LISTED.replace(old, new, 1))
+
+
+@pytest.mark.parametrize("name", ["a", "tilt", "artefact", "drive", "top"])
+def test_what_a_message_says_that_a_sensor_may_state_it_may(name, tmp_path):
+    """Names are looked at before values: what is wrong of these is the value."""
+    with pytest.raises(InputError, match="'word' was unexpected") as refused:
+        load_text(tmp_path, LISTED.replace(f"{name}: {{", f"{name}: {{word: 1, "))
+    words = {*str(refused.value).rpartition(": ")[2].split(", ")}
+    assert {"kind", "unit"} <= words
+    content = yaml.safe_load(LISTED)
+    row = content["stage"]["sensors"][name]
+    row |= dict.fromkeys(words - {"kind", "unit"}, "no value")
+    with pytest.raises(InputError, match=r"'no value' is no (number|mapping|list)|'no value' is not one of"):
+        load_text(tmp_path, yaml.safe_dump(content))
