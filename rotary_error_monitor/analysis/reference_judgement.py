@@ -58,7 +58,7 @@ class Variances:
 
 
 @dataclass(frozen=True)
-class Judgement:
+class ReferenceJudgement:
     """What is said of the differences along one direction.
 
     Attributes:
@@ -81,7 +81,7 @@ class Judgement:
 
 def judge(
     difference: Array, variances: Variances, cluster: NDArray[np.intp], profiles: Array, chance: float = CHANCE
-) -> Judgement:
+) -> ReferenceJudgement:
     """Hold the differences along one direction against their stated uncertainty.
 
     Args:
@@ -95,7 +95,7 @@ def judge(
     allowed = _outside(variances, 0.25 * chance) + _margin(outside, cluster, 0.25 * chance)
     mean = float(np.sqrt(np.mean(profiles.mean(axis=0) ** 2)))
     most = math.sqrt(variances.reading + _left_in_mean(profiles, variances, 0.5 * chance))
-    return Judgement(1 - float(outside.mean()), 1 - min(1.0, allowed), mean, most)
+    return ReferenceJudgement(1 - float(outside.mean()), 1 - min(1.0, allowed), mean, most)
 
 
 def _margin(outside: NDArray[np.bool_], cluster: NDArray[np.intp], chance: float) -> float:

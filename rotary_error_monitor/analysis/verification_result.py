@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rotary_error_monitor.analysis.reference_judgement import Judgement
+from rotary_error_monitor.analysis.reference_judgement import ReferenceJudgement
 from rotary_error_monitor.analysis.result import Figure
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.metrology.lvdt_comparison import LvdtComparison
@@ -33,7 +33,7 @@ class AxisFigures:
     largest: float
     largest_ns: int
     bound: float
-    judgement: Judgement
+    judgement: ReferenceJudgement
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ from rotary_error_monitor.errors import InputError, told_of
 from rotary_error_monitor.metrology.repeated_runs import FALSE_ALARM
 from rotary_error_monitor.metrology.two_axis_calibration import (
     COVERAGE,
-    Instrument,
+    InstrumentPrior,
     TwoAxisCalibration,
     calibrate_two_axes,
 )
@@ -157,10 +157,10 @@ def _result(
     )
 
 
-def _instrument(stage: StageDescription) -> Instrument:
+def _instrument(stage: StageDescription) -> InstrumentPrior:
     described, gain = stage.tilt_instrument, abs(stage.response(PART).gain)
     slow = 0.0 if described.turbulence is None else described.turbulence.std
-    return Instrument(described.noise * gain, described.resolution * gain, slow * gain)
+    return InstrumentPrior(described.noise * gain, described.resolution * gain, slow * gain)
 
 
 def _as_before(found: Response, before: Response, keep: tuple[str, ...]) -> Response:

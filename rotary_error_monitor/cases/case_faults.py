@@ -12,7 +12,7 @@ from rotary_error_monitor.cases.departures import AnyFault, Varied, fit_textbook
 from rotary_error_monitor.cases.faults import Named, UnsuitableSeedError
 from rotary_error_monitor.cases.faults.axes import AxisFault
 from rotary_error_monitor.cases.mimics import Mimic, Resemblance, Signatures, draw_mimic
-from rotary_error_monitor.cases.response import Response
+from rotary_error_monitor.cases.response import FaultResponse
 from rotary_error_monitor.errors import InputError
 
 Kind = Literal["null", "single", "pair", "unknown", "variant", "mimic"]
@@ -94,7 +94,7 @@ class Casting:
         names: tuple[str, ...],
         draw: np.random.Generator,
         make: Callable[[str], Named],
-        response: Callable[[int], Response],
+        response: Callable[[int], FaultResponse],
     ) -> DrawnFaults:
         """Faults of these names as large as the case asks.
 
@@ -122,7 +122,7 @@ class Casting:
         return DrawnFaults((varied,), departure)
 
 
-def _varied(fault: Named, draw: np.random.Generator, response: Callable[[int], Response]) -> Varied:
+def _varied(fault: Named, draw: np.random.Generator, response: Callable[[int], FaultResponse]) -> Varied:
     """The fault with a drawn departure after which it still resembles no other known effect more than its own.
 
     Raises:
@@ -141,7 +141,7 @@ _SMALLER, _LARGER = 0.1, 1e3
 _MOST_TRIALS, _MOST_GROWN, _MOST_DEPARTURES = 50, 4, 12
 
 
-def sized(fault: SomeFault, draw: np.random.Generator, snr: tuple[float, float], response: Response) -> SomeFault:
+def sized(fault: SomeFault, draw: np.random.Generator, snr: tuple[float, float], response: FaultResponse) -> SomeFault:
     """The fault as large as a number drawn from `snr`.
 
     Raises:

@@ -14,7 +14,7 @@ from rotary_error_monitor.cases.departures.halves import MACHINE_HALVES, STAGE_H
 from rotary_error_monitor.cases.draws import AT_A_HEAD, LOCATIONS, ORDERED_PLACES, ORDERS
 from rotary_error_monitor.cases.faults import VOCABULARY, Named, UnsuitableSeedError, make_fault
 from rotary_error_monitor.cases.faults.axes import AxisFault
-from rotary_error_monitor.cases.response import Response
+from rotary_error_monitor.cases.response import FaultResponse
 
 CORRELATIONS = (0.6, 0.8)
 """Range of the correlation of a mimic with the known effect that resembles it most: 0.71 is half of the power."""
@@ -86,7 +86,7 @@ class Resemblance:
 class Signatures:
     """Signals of all known effects of a family at all their places, over the noise."""
 
-    def __init__(self, response: Response, machine: bool) -> None:
+    def __init__(self, response: FaultResponse, machine: bool) -> None:
         """Take the signatures."""
         self._response = response
         self._bases: dict[tuple[str, str, int], Array] = {}
@@ -123,7 +123,7 @@ class Signatures:
         return bases
 
 
-def _seen(fault: Named, response: Response) -> Array:
+def _seen(fault: Named, response: FaultResponse) -> Array:
     """(m,) signal of the fault, of a size at which it is neither rounded nor out of proportion."""
     moved = response.moved((fault,))
     for _ in range(6):
@@ -136,7 +136,7 @@ def _seen(fault: Named, response: Response) -> Array:
 
 
 def draw_mimic(
-    names: tuple[str, ...], draw: np.random.Generator, make: Callable[[str], Named], response: Response
+    names: tuple[str, ...], draw: np.random.Generator, make: Callable[[str], Named], response: FaultResponse
 ) -> tuple[Mimic, Resemblance]:
     """Half of a drawn effect that resembles the nearest known one by a correlation within `CORRELATIONS`.
 

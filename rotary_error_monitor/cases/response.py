@@ -25,7 +25,7 @@ TRACKER_NOISE = 1.5e-6  # m
 INPUTS = ("command", "force", "temperature")
 
 
-class Response(ABC):
+class FaultResponse(ABC):
     """How faults move a recording of a plant."""
 
     @abstractmethod
@@ -54,7 +54,7 @@ class Response(ABC):
 
 
 @dataclass(frozen=True)
-class StageResponse(Response):
+class StageResponse(FaultResponse):
     """Response of a stage.
 
     Attributes:
@@ -101,7 +101,7 @@ class StageResponse(Response):
 
 
 @dataclass(frozen=True)
-class MachineResponse(Response):
+class MachineResponse(FaultResponse):
     """Response of a machine.
 
     Attributes:

@@ -8,14 +8,14 @@ import numpy as np
 
 from rotary_error_monitor.bags.naming import THE_ONLY_CELL, Naming
 from rotary_error_monitor.bags.reader import BagReader
-from rotary_error_monitor.commissioning.streams import Recorded, Stream, join_blocks
+from rotary_error_monitor.commissioning.streams import CommissioningRecording, RawStream, join_blocks
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.streams import AUTOCOLLIMATOR, COMMAND, FORCE, LVDT
 from rotary_error_monitor.description.wire import wire_of
 from rotary_error_monitor.metrology.forces import joined_force, load_cell
 
 
-def read_streams(path: Path | str, stage: StageDescription, naming: Naming = THE_ONLY_CELL) -> Recorded:
+def read_streams(path: Path | str, stage: StageDescription, naming: Naming = THE_ONLY_CELL) -> CommissioningRecording:
     """Raw streams of all instruments that a stage describes, and of command and force where they are there.
 
     Raises:
@@ -45,10 +45,10 @@ def read_streams(path: Path | str, stage: StageDescription, naming: Naming = THE
     remarks = [remark for remark in (*reader.remarks, window and window.remark) if remark]
     if COMMAND not in streams:
         remarks.append("no samples of the command: the rotation is counted from the first head, and nothing tells lags")
-    return Recorded(streams, tuple(name for name in described if name not in streams), tuple(remarks))
+    return CommissioningRecording(streams, tuple(name for name in described if name not in streams), tuple(remarks))
 
 
-def _with_shaft_force(stage: StageDescription, streams: dict[str, Stream]) -> dict[str, Stream]:
+def _with_shaft_force(stage: StageDescription, streams: dict[str, RawStream]) -> dict[str, RawStream]:
     """The streams with the force on the shaft by listed load cells, where there is no other or the stage names them."""
     names = [name for name in stage.shaft_forces if name in streams]
     if not names or (FORCE in streams and not stage.force):
@@ -58,4 +58,4 @@ def _with_shaft_force(stage: StageDescription, streams: dict[str, Stream]) -> di
     times = [1e-9 * since[name] - stage.response(name).latency for name in names]
     cells = [load_cell(stage.inputs[name]) for name in names]
     at, force = joined_force(cells, times, [streams[name].values for name in names])
-    return {**streams, FORCE: Stream(begin + np.rint(1e9 * at).astype(np.int64), force)}
+    return {**streams, FORCE: RawStream(begin + np.rint(1e9 * at).astype(np.int64), force)}

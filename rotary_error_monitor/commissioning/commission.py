@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rotary_error_monitor.commissioning.command import fit_command
-from rotary_error_monitor.commissioning.findings import Finding, findings_of, noise_and_step
+from rotary_error_monitor.commissioning.findings import CommissioningFinding, findings_of, noise_and_step
 from rotary_error_monitor.commissioning.found import Found, Shown, Stated, known_hand, origin_of, parameters
 from rotary_error_monitor.commissioning.heads import Angles, angles_of, head_response
 from rotary_error_monitor.commissioning.layouts import Signs, Weighed, alternatives, weigh_layouts
@@ -20,7 +20,7 @@ from rotary_error_monitor.commissioning.stated_curves import (
     check_ring_curve,
     ring_curve,
 )
-from rotary_error_monitor.commissioning.streams import Recorded, Stream, StreamFigures, describe_stream
+from rotary_error_monitor.commissioning.streams import CommissioningRecording, RawStream, StreamFigures, describe_stream
 from rotary_error_monitor.commissioning.tilt import fit_tilt, log_hand
 from rotary_error_monitor.commissioning.units import Unit, tilt_units
 from rotary_error_monitor.description.stage import StageDescription
@@ -57,7 +57,7 @@ class Commissioning:
 
     figures: Mapping[str, StreamFigures]
     found: Found
-    findings: tuple[Finding, ...]
+    findings: tuple[CommissioningFinding, ...]
     likeliest: Weighed
     others: tuple[Weighed, ...]
     shown: Shown
@@ -69,7 +69,7 @@ class Commissioning:
         return all(finding.settled for finding in self.findings)
 
 
-def commission(stage: StageDescription, stated: Stated, recorded: Recorded) -> Commissioning:
+def commission(stage: StageDescription, stated: Stated, recorded: CommissioningRecording) -> Commissioning:
     """What a recording of a stage that turns both ways says of it, beyond what its data sheets say.
 
     Args:
@@ -129,7 +129,7 @@ def _with_curve(stage: StageDescription, stated: Stated, shown: Shown, prior: Ri
     }
 
 
-def _figures(stage: StageDescription, recorded: Recorded, angles: Angles) -> dict[str, StreamFigures]:
+def _figures(stage: StageDescription, recorded: CommissioningRecording, angles: Angles) -> dict[str, StreamFigures]:
     """Figures of all streams, those of angles in rad and without the wraps of a driver."""
     found = {}
     for name, stream in recorded.streams.items():
@@ -140,7 +140,7 @@ def _figures(stage: StageDescription, recorded: Recorded, angles: Angles) -> dic
     return found
 
 
-def _figures_of(stage: StageDescription, name: str, stream: Stream, *, is_angle: bool) -> StreamFigures:
+def _figures_of(stage: StageDescription, name: str, stream: RawStream, *, is_angle: bool) -> StreamFigures:
     noise, step = noise_and_step(stage, name)
     return describe_stream(stream, is_angle=is_angle, noise=noise, step=step)
 
@@ -164,7 +164,7 @@ def check_azimuths(stage: StageDescription) -> None:
         raise InputError(f"encoder.heads: azimuths {azimuths.tolist()} rad show no eccentricity; expected some opposed")
 
 
-def _in_radians(stage: StageDescription, stream: Stream, figures: StreamFigures) -> tuple[Stream, Unit | None]:
+def _in_radians(stage: StageDescription, stream: RawStream, figures: StreamFigures) -> tuple[RawStream, Unit | None]:
     """The autocollimator's stream in rad, and the unit that it seems to be in, None where it is rad.
 
     Readings beyond the described range are of another unit: of those in which they are within it the one in which the

@@ -10,7 +10,7 @@ import numpy as np
 
 from rotary_error_monitor.commissioning.found import Found, FoundTilt, Shown
 from rotary_error_monitor.commissioning.layouts import Layout, Weighed
-from rotary_error_monitor.commissioning.streams import Recorded, StreamFigures
+from rotary_error_monitor.commissioning.streams import CommissioningRecording, StreamFigures
 from rotary_error_monitor.commissioning.units import RADIAN, Unit
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.streams import COMMAND
@@ -47,7 +47,7 @@ VERY_LATE = 0.02
 
 
 @dataclass(frozen=True)
-class Finding:
+class CommissioningFinding:
     """Something that is wrong.
 
     Attributes:
@@ -63,7 +63,7 @@ class Finding:
 
 def findings_of(
     stage: StageDescription,
-    recorded: Recorded,
+    recorded: CommissioningRecording,
     figures: Mapping[str, StreamFigures],
     shown: Shown,
     found: Found,
@@ -71,10 +71,10 @@ def findings_of(
     others: Sequence[Weighed],
     azimuth_std: float,
     tilt_unit: Unit | None,
-) -> Iterator[Finding]:
+) -> Iterator[CommissioningFinding]:
     """All that is wrong, in the order in which one would put it right."""
     for name in recorded.missing:
-        yield Finding(
+        yield CommissioningFinding(
             f"{spoken(name)}: no samples",
             settled=False,
             advice=f"start its node and record again, or take '{name}' out of the stage file",
@@ -90,7 +90,7 @@ def findings_of(
     yield from _agreement(found)
     square, count = likeliest.fit.chi_square
     if chi_square_tail(square, count) < MISFIT:
-        yield Finding(
+        yield CommissioningFinding(
             f"the heads do not fit a ring at these azimuths: what is left is {math.sqrt(square / count):.1f} times "
             "the noise",
             settled=False,
@@ -115,16 +115,16 @@ def listed(names: Sequence[str]) -> str:
     return " and ".join([*filter(None, [", ".join(names[:-1])]), names[-1]]) if names else ""
 
 
-def _units(shown: Shown, tilt_unit: Unit | None) -> Iterator[Finding]:
+def _units(shown: Shown, tilt_unit: Unit | None) -> Iterator[CommissioningFinding]:
     for name, unit in shown.angles.unit.items():
         if unit == RADIAN:
             continue
         words = unit.words if unit is not None else f"{shown.angles.factor[name]:.4g} times the angle"
         text = f"command is in {words}" if name == COMMAND and unit is not None else f"{spoken(name)} reads {words}"
-        yield Finding(text, settled=False, advice=_unit_advice(name, unit))
+        yield CommissioningFinding(text, settled=False, advice=_unit_advice(name, unit))
     if tilt_unit is not None:
         advice = _unit_advice("autocollimator", tilt_unit)
-        yield Finding(f"autocollimator reads {tilt_unit.words}", settled=False, advice=advice)
+        yield CommissioningFinding(f"autocollimator reads {tilt_unit.words}", settled=False, advice=advice)
 
 
 def _unit_advice(name: str, unit: Unit | None) -> str:
@@ -140,11 +140,11 @@ def _unit_advice(name: str, unit: Unit | None) -> str:
     return f"set its driver to rad{here}{counts}, or convert in the device's class (doc/devices.md)"
 
 
-def _streams(stage: StageDescription, figures: Mapping[str, StreamFigures]) -> Iterator[Finding]:
+def _streams(stage: StageDescription, figures: Mapping[str, StreamFigures]) -> Iterator[CommissioningFinding]:
     for name, each in figures.items():
         part = each.lost / max(1, each.samples + each.lost)
         if part > LOSS:
-            yield Finding(
+            yield CommissioningFinding(
                 f"{spoken(name)} lost {part:.1%} of its samples",
                 settled=False,
                 advice="look at network and load of the computer, and record again",
@@ -152,7 +152,7 @@ def _streams(stage: StageDescription, figures: Mapping[str, StreamFigures]) -> I
         if is_louder(stage, name, each):
             found, described = (f"{1e6 * size:.3g}" for size in (max(each.noise), described_noise(stage, name)))
             sizes = f"{found} µrad against {described} µrad"
-            yield Finding(f"{spoken(name)} is noisier than described: {sizes}", True)
+            yield CommissioningFinding(f"{spoken(name)} is noisier than described: {sizes}", True)
 
 
 def is_louder(stage: StageDescription, stream: str, figures: StreamFigures) -> bool:
@@ -180,12 +180,12 @@ def noise_and_step(stage: StageDescription, stream: str) -> tuple[float, float]:
     return 0.0, 0.0
 
 
-def _agreement(found: Found) -> Iterator[Finding]:
+def _agreement(found: Found) -> Iterator[CommissioningFinding]:
     unsure = [letter for letter, head in found.heads.items() if not head.zero.std < UNSURE]
     if unsure:
         worst = max(math.degrees(found.heads[letter].zero.std) for letter in unsure)
         heads = f"head {unsure[0]}" if len(unsure) == 1 else f"heads {listed(unsure)}"
-        yield Finding(
+        yield CommissioningFinding(
             f"{heads} jump against the others: zero uncertain to {worst:.2g}°",
             settled=False,
             advice="samples are lost while the stage moves, or a driver starts again at something else than a turn, as "
@@ -193,7 +193,7 @@ def _agreement(found: Found) -> Iterator[Finding]:
         )
 
 
-def _layout(letters: Sequence[str], layout: Layout) -> Iterator[Finding]:
+def _layout(letters: Sequence[str], layout: Layout) -> Iterator[CommissioningFinding]:
     said: set[int] = set()
     for i in layout.moved:
         if i in said:
@@ -204,27 +204,27 @@ def _layout(letters: Sequence[str], layout: Layout) -> Iterator[Finding]:
         said |= set(cycle)
         names = listed(sorted(letters[k] for k in cycle))
         if len(cycle) == 2:
-            yield Finding(f"heads {names} are swapped", True)
+            yield CommissioningFinding(f"heads {names} are swapped", True)
         else:
             places = ", ".join(f"{letters[k]} where {letters[layout.places[k]]} is described" for k in cycle)
-            yield Finding(f"heads {names} stand at one another's places: {places}", True)
+            yield CommissioningFinding(f"heads {names} stand at one another's places: {places}", True)
 
 
-def _signs(stage: StageDescription, found: Found) -> Iterator[Finding]:
+def _signs(stage: StageDescription, found: Found) -> Iterator[CommissioningFinding]:
     for letter, head in found.heads.items():
         if head.sign != _sign(stage, f"head_{letter}"):
-            yield Finding(f"head {letter} counts the other way", True)
+            yield CommissioningFinding(f"head {letter} counts the other way", True)
     if found.command is not None and found.command.sign != _sign(stage, COMMAND):
-        yield Finding("command counts the other way", True)
+        yield CommissioningFinding("command counts the other way", True)
 
 
 def _sign(stage: StageDescription, stream: str) -> int:
     return 1 if stage.response(stream).gain > 0 else -1
 
 
-def _undecided(letters: Sequence[str], likeliest: Weighed, others: Sequence[Weighed]) -> Finding:
+def _undecided(letters: Sequence[str], likeliest: Weighed, others: Sequence[Weighed]) -> CommissioningFinding:
     ways = dict.fromkeys(_said(letters, each.layout, likeliest.layout) for each in (likeliest, *others))
-    return Finding(
+    return CommissioningFinding(
         "not told apart: " + "; or ".join(ways),
         settled=False,
         advice="these differ by nothing that was recorded. State `command: {sign: …}` if you know which way the "
@@ -241,25 +241,27 @@ def _said(letters: Sequence[str], layout: Layout, likeliest: Layout) -> str:
     return " and ".join(parts)
 
 
-def _azimuths(stage: StageDescription, found: Found, layout: Layout, azimuth_std: float) -> Iterator[Finding]:
+def _azimuths(
+    stage: StageDescription, found: Found, layout: Layout, azimuth_std: float
+) -> Iterator[CommissioningFinding]:
     described = list(stage.azimuths.values())
     for (letter, head), place in zip(found.heads.items(), layout.places, strict=True):
         off = head.azimuth.value - described[place]
         if abs(off) > SIGMAS * azimuth_std and abs(off) > SIGMAS * head.azimuth.std:
-            yield Finding(
+            yield CommissioningFinding(
                 f"head {letter} stands at {math.degrees(head.azimuth.value):.2f}°, not at "
                 f"{math.degrees(described[place]):.2f}°",
                 True,
             )
 
 
-def _clocks(stage: StageDescription, found: Found) -> Iterator[Finding]:
+def _clocks(stage: StageDescription, found: Found) -> Iterator[CommissioningFinding]:
     streams = [(f"head {letter}", head.scale) for letter, head in found.heads.items()]
     if found.command is not None:
         streams.append(("command", found.command.scale))
     for name, scale in streams:
         if abs(scale.value) > max(SIGMAS * scale.std, DRIFT):
-            yield Finding(
+            yield CommissioningFinding(
                 f"{name} goes {scale.value * 1e6:+.1f} ppm faster than the other heads: its clock drifts, or its "
                 "angle is off by as much",
                 settled=False,
@@ -268,7 +270,7 @@ def _clocks(stage: StageDescription, found: Found) -> Iterator[Finding]:
     if found.command is not None:
         lag, limit = found.command.latency, stage.limits.latency
         if lag.value < -max(SIGMAS * lag.std, limit):
-            yield Finding(
+            yield CommissioningFinding(
                 f"the rotation follows its command by {-lag.value * 1e3:.3f} ms, more than limits.latency of "
                 f"{limit * 1e3:g} ms: the drive lags, or all heads are stamped late, which is not told",
                 settled=False,
@@ -276,23 +278,23 @@ def _clocks(stage: StageDescription, found: Found) -> Iterator[Finding]:
             )
 
 
-def _latencies(found: Found) -> Iterator[Finding]:
+def _latencies(found: Found) -> Iterator[CommissioningFinding]:
     """Instruments that are very late: what they read is put right, how old every estimate is by them cannot be."""
     streams = [(f"head {letter}", head.latency) for letter, head in found.heads.items()]
     streams += [("command", found.command.latency)] if found.command is not None else []
     streams += [("autocollimator", found.tilt.latency)] if found.tilt is not None else []
     for name, late in streams:
         if late.value > max(SIGMAS * late.std, VERY_LATE):
-            yield Finding(
+            yield CommissioningFinding(
                 f"{name} is stamped {late.value * 1e3:.3g} ms later than the earliest instrument: every estimate waits "
                 "as long for it; does its driver stamp when it hands on instead of when it measures?",
                 settled=True,
             )
 
 
-def _tilt(stage: StageDescription, tilt: FoundTilt) -> Iterator[Finding]:
+def _tilt(stage: StageDescription, tilt: FoundTilt) -> Iterator[CommissioningFinding]:
     if tilt.mirrored:
-        yield Finding(
+        yield CommissioningFinding(
             _wrong_hand(tilt),
             settled=False,
             advice="no setting of the stage file mirrors: set its driver (of source iio: the order of iio.channels; of "
@@ -300,7 +302,7 @@ def _tilt(stage: StageDescription, tilt: FoundTilt) -> Iterator[Finding]:
         )
         return
     if tilt.axes is not None and chi_square_tail(*tilt.axes.chi_square) < MISFIT:
-        yield Finding(
+        yield CommissioningFinding(
             "the tilt that the stage file states is not what the autocollimator shows",
             settled=False,
             advice="is the rotation counted from where spindle.tilt was measured? State the zero of the command, or "
@@ -312,9 +314,9 @@ def _tilt(stage: StageDescription, tilt: FoundTilt) -> Iterator[Finding]:
     before = stage.response("autocollimator")
     turn = math.remainder(tilt.roll - before.roll, 2 * math.pi)
     if abs(turn) > max(LEAST_TURN, SIGMAS * tilt.axes.std):
-        yield Finding(f"the autocollimator is mounted turned by {math.degrees(turn):.1f}°", True)
+        yield CommissioningFinding(f"the autocollimator is mounted turned by {math.degrees(turn):.1f}°", True)
     if abs(tilt.gain / before.gain - 1) > max(LEAST_GAIN, SIGMAS * tilt.axes.std):
-        yield Finding(f"the autocollimator's gain is {tilt.gain:.4f}, not {before.gain:g}", True)
+        yield CommissioningFinding(f"the autocollimator's gain is {tilt.gain:.4f}, not {before.gain:g}", True)
 
 
 _HANDS: Sequence[tuple[float, str]] = (

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.linalg import helmert
 
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.commissioning.response_fit import STRAIGHT, Response, basis, fit_response
-from rotary_error_monitor.commissioning.streams import Stream
+from rotary_error_monitor.commissioning.response_fit import STRAIGHT, FittedCoefficients, basis, fit_response
+from rotary_error_monitor.commissioning.streams import RawStream
 from rotary_error_monitor.commissioning.units import (
     Unit,
     angle_units,
@@ -62,7 +62,7 @@ class Angles:
     wraps: tuple[str, ...]
 
 
-def angles_of(stage: StageDescription, streams: Mapping[str, Stream]) -> Angles:
+def angles_of(stage: StageDescription, streams: Mapping[str, RawStream]) -> Angles:
     """Angles of heads, first, and command by their raw streams.
 
     Raises:
@@ -73,7 +73,7 @@ def angles_of(stage: StageDescription, streams: Mapping[str, Stream]) -> Angles:
     return angles
 
 
-def in_radians(stage: StageDescription, streams: Mapping[str, Stream]) -> Angles:
+def in_radians(stage: StageDescription, streams: Mapping[str, RawStream]) -> Angles:
     """The same of a stage that moves, however far.
 
     Raises:
@@ -221,7 +221,7 @@ class HeadResponse:
     names: tuple[str, ...]
     shaft: ShaftRecording
     delays: Array
-    response: Response
+    response: FittedCoefficients
     theta: Array
 
 
@@ -276,7 +276,7 @@ class Straight:
     delay_covariance: Array
 
 
-def straight_part(response: Response, theta: Array) -> Straight:
+def straight_part(response: FittedCoefficients, theta: Array) -> Straight:
     """What of responses does not go by orders, at rotations theta (m,), rad."""
     middle = float(theta.mean())
     near = TURN * np.rint(middle / TURN) - middle

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.commissioning.response_fit import STRAIGHT, Response
+from rotary_error_monitor.commissioning.response_fit import STRAIGHT, FittedCoefficients
 from rotary_error_monitor.commissioning.ring_model import Orders, RingFit, RingPrior, fit_ring, orders_of
 
 SWAPPED = 0.005
@@ -97,7 +97,7 @@ class Signs:
         return total
 
 
-def turned_over(response: Response) -> Response:
+def turned_over(response: FittedCoefficients) -> FittedCoefficients:
     """The response where everything turns the other way: values and rotation change their sign."""
     count = response.coefficients.shape[1]
     flip = np.ones(count)
@@ -112,7 +112,7 @@ def turned_over(response: Response) -> Response:
 
 
 def weigh_layouts(
-    response: Response,
+    response: FittedCoefficients,
     azimuths: Array,
     priors: Mapping[int, RingPrior],
     signs: Signs,

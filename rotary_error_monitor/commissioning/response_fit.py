@@ -27,7 +27,7 @@ quantiles of Kiefer and Vogelsang (2005, Table 1, Bartlett, b = 1/4) over those 
 
 
 @dataclass(frozen=True)
-class Response:
+class FittedCoefficients:
     """Coefficients of signals: D (n, p) for n signals and p columns of `basis`.
 
     Attributes:
@@ -51,7 +51,7 @@ def basis(theta: Array, speed: Array, highest: int) -> Array:
     return np.stack(columns, axis=1)
 
 
-def fit_response(design: Array, values: Array, contrasts: Array, wander: float = 0.0) -> Response:
+def fit_response(design: Array, values: Array, contrasts: Array, wander: float = 0.0) -> FittedCoefficients:
     """Fit signals (m, n) by the columns of `design` (m, p).
 
     Args:
@@ -69,7 +69,7 @@ def fit_response(design: Array, values: Array, contrasts: Array, wander: float =
     inverse = np.asarray(np.linalg.inv(design.T @ design), np.float64)
     common = np.diag(wander**2 / (design**2).mean(axis=0))
     covariances = [common + _covariance(design, inverse, residual @ channel) for channel in channels.T]
-    return Response(np.asarray(coefficients.T, np.float64), channels, np.array(covariances), residual)
+    return FittedCoefficients(np.asarray(coefficients.T, np.float64), channels, np.array(covariances), residual)
 
 
 def _covariance(design: Array, inverse: Array, residual: Array) -> Array:

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.linalg import helmert, solve_triangular
 
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.commissioning.response_fit import STRAIGHT, Response
+from rotary_error_monitor.commissioning.response_fit import STRAIGHT, FittedCoefficients
 
 ROUNDS = 4
 """Rounds of Gauss and Newton: azimuths that are off turn what is linear in the eccentricity by some hundredths."""
@@ -62,7 +62,7 @@ class Orders:
 
     Attributes:
         highest: order.
-        channels: (n, c) as in `Response`.
+        channels: (n, c) as in `FittedCoefficients`.
         whitened: (c, 2 highest) coefficients of each channel times `whitener`.
         whitener: (c, 2 highest, 2 highest) inverse of a square root of their covariance.
     """
@@ -73,7 +73,7 @@ class Orders:
     whitener: Array
 
 
-def orders_of(response: Response, highest: int | None = None) -> Orders:
+def orders_of(response: FittedCoefficients, highest: int | None = None) -> Orders:
     """The orders of a response up to `highest`, by default all."""
     count = (response.coefficients.shape[1] - STRAIGHT) // 2
     highest = count if highest is None else min(highest, count)

@@ -13,7 +13,7 @@ import numpy as np
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.commissioning.heads import HIGHEST
 from rotary_error_monitor.commissioning.layouts import Weighed, turned_over
-from rotary_error_monitor.commissioning.response_fit import Response
+from rotary_error_monitor.commissioning.response_fit import FittedCoefficients
 from rotary_error_monitor.commissioning.ring_model import RingFit, RingPrior, fit_ring, orders_of
 from rotary_error_monitor.description.harmonics import PlanarHarmonic
 from rotary_error_monitor.description.stage import StageDescription
@@ -82,7 +82,7 @@ def check_counted(stage: StageDescription, is_counted: bool) -> None:
 
 
 def check_ring_curve(
-    possible: Sequence[Weighed], response: Response, azimuths: Array, priors: Mapping[int, RingPrior]
+    possible: Sequence[Weighed], response: FittedCoefficients, azimuths: Array, priors: Mapping[int, RingPrior]
 ) -> None:
     """Hold that the heads see the ring as it was measured, where they stand in one of the possible ways.
 

@@ -50,7 +50,7 @@ MOVING = 0.2
 
 
 @dataclass(frozen=True)
-class Stream:
+class RawStream:
     """Samples of one instrument as they came: `times_ns` (n,) ns, increasing, and `values` (n, k).
 
     Attributes:
@@ -64,7 +64,7 @@ class Stream:
     disordered: int = 0
 
 
-def join_blocks(blocks: Sequence[SampleBlock], fields: Sequence[str]) -> Stream:
+def join_blocks(blocks: Sequence[SampleBlock], fields: Sequence[str]) -> RawStream:
     """Stream of its blocks.
 
     Raises:
@@ -75,12 +75,12 @@ def join_blocks(blocks: Sequence[SampleBlock], fields: Sequence[str]) -> Stream:
         spans.add_block(block)
     coverage = spans.coverage()
     if coverage is None:
-        return Stream(np.empty(0, np.int64), np.empty((0, len(fields))))
+        return RawStream(np.empty(0, np.int64), np.empty((0, len(fields))))
     times = np.concatenate([block.times_ns for block in blocks])
     values = np.concatenate([block.columns(fields) for block in blocks])
     before = np.concatenate([[np.iinfo(np.int64).min], np.maximum.accumulate(times)[:-1]])
     good = (times > before) & np.isfinite(values).all(axis=1)
-    return Stream(times[good], values[good], coverage.lost, int((~good).sum()))
+    return RawStream(times[good], values[good], coverage.lost, int((~good).sum()))
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ class StreamFigures:
     disordered: int
 
 
-def describe_stream(stream: Stream, *, is_angle: bool, noise: float = 0.0, step: float = 0.0) -> StreamFigures:
+def describe_stream(stream: RawStream, *, is_angle: bool, noise: float = 0.0, step: float = 0.0) -> StreamFigures:
     """Figures of a stream; one that `is_angle` goes on and on, others swing about a value.
 
     Args:
@@ -255,7 +255,7 @@ def _at_rest(variance: Array, square: Array) -> tuple[float, float]:
 
 
 @dataclass(frozen=True)
-class Recorded:
+class CommissioningRecording:
     """All that commissioning takes from a bag.
 
     Attributes:
@@ -264,6 +264,6 @@ class Recorded:
         remarks: what of the bag could not be read.
     """
 
-    streams: Mapping[str, Stream]
+    streams: Mapping[str, RawStream]
     missing: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()

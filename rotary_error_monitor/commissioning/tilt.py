@@ -21,7 +21,7 @@ from rotary_error_monitor.arrays import Array, Complex
 from rotary_error_monitor.commissioning.heads import ROUNDS, Angles, HeadResponse, earlier, loose
 from rotary_error_monitor.commissioning.response_fit import FEW, basis, fit_response, smooth_by_correlation
 from rotary_error_monitor.commissioning.stated_curves import mirror_doubt, mirror_rows
-from rotary_error_monitor.commissioning.streams import Stream
+from rotary_error_monitor.commissioning.streams import RawStream
 from rotary_error_monitor.description.harmonics import PlanarHarmonic
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.errors import InputError
@@ -78,7 +78,7 @@ class TiltResponse:
 
 
 def fit_tilt(
-    stage: StageDescription, angles: Angles, heads: HeadResponse, stream: Stream, force: Stream | None
+    stage: StageDescription, angles: Angles, heads: HeadResponse, stream: RawStream, force: RawStream | None
 ) -> TiltResponse:
     """What an autocollimator's raw stream shows.
 
@@ -157,7 +157,7 @@ def _later(design: Array, highest: int, coefficients: Array, residual: Array, sp
     return float((own * residual).sum()) / square, math.sqrt(max(FEW**2 * variance, white)) / square
 
 
-def _force_streams(force: Stream | None) -> dict[str, tuple[NDArray[np.int64], Array]]:
+def _force_streams(force: RawStream | None) -> dict[str, tuple[NDArray[np.int64], Array]]:
     """Force along x and y, made as small as angles are, for it is brought to the same times as they."""
     if force is None or np.ptp(force.values, axis=0).max() < LEAST_FORCE:
         return {}

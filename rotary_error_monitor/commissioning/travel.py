@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.commissioning.heads import in_radians, motion_of
-from rotary_error_monitor.commissioning.streams import Stream
+from rotary_error_monitor.commissioning.streams import RawStream
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.streams import COMMAND
 from rotary_error_monitor.errors import InputError
@@ -90,12 +90,12 @@ class TravelWatch:
         stands = bool(times[-1] - times[0] > REST * NANOSECONDS and np.ptp(last) < STILL)
         return Travel(motion.forth, motion.back, stands)
 
-    def _streams(self) -> Iterator[tuple[str, Stream]]:
+    def _streams(self) -> Iterator[tuple[str, RawStream]]:
         with self._lock:
             kept = {name: each.copy() for name, each in self._kept.items()}
         for name, (times, values) in kept.items():
             if len(times) > 1:
-                yield name, Stream(np.array(times, np.int64), np.array(values, np.float64))
+                yield name, RawStream(np.array(times, np.int64), np.array(values, np.float64))
 
 
 class _Kept:

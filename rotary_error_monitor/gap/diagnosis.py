@@ -18,7 +18,7 @@ from rotary_error_monitor.gap.judgement import judge
 from rotary_error_monitor.gap.options import FALSE_ALARMS, MOST_CAUSES
 from rotary_error_monitor.gap.p_values import LEAST_LOG_P_VALUE
 from rotary_error_monitor.gap.posterior import departures_of
-from rotary_error_monitor.gap.problem import DiagnosableProblem, Finding, Share
+from rotary_error_monitor.gap.problem import DiagnosableProblem, Share, StructureTest
 from rotary_error_monitor.gap.reversals import odds_of_slips
 from rotary_error_monitor.gap.selection import select_causes
 from rotary_error_monitor.gap.shrink import Gap, measure_gap
@@ -93,7 +93,7 @@ class Diagnosis:
     indistinguishable: tuple[Group, ...]
     where: tuple[Share, ...]
     gap: Gap
-    remainder: tuple[Finding, ...] = ()
+    remainder: tuple[StructureTest, ...] = ()
     remarks: tuple[str, ...] = ()
     figures: Mapping[str, float] = field(default_factory=dict)
 

@@ -23,7 +23,7 @@ from rotary_error_monitor.gap.fitted_departures import FittedDepartures
 from rotary_error_monitor.gap.fitting import Fit, stacked_beside
 from rotary_error_monitor.gap.hypotheses import price_of
 from rotary_error_monitor.gap.normal import combine, solve_scaled, width_of
-from rotary_error_monitor.gap.problem import FIRST_ORDER, Columns, Finding, Problem, Rows
+from rotary_error_monitor.gap.problem import FIRST_ORDER, Columns, Problem, Rows, StructureTest
 from rotary_error_monitor.gap.proportion import amplitudes_of, price_of_departures
 from rotary_error_monitor.gap.reversals import odds_of_slips
 
@@ -80,7 +80,7 @@ class Posterior:
     """
 
     fit: Fit
-    findings: tuple[Finding, ...]
+    findings: tuple[StructureTest, ...]
     log_odds: tuple[float, ...]
     settled: bool
     near: bool
@@ -120,13 +120,13 @@ def summed(powers: Sequence[Powers]) -> Powers:
     return {channel: sum(p.get(channel, 0.0) for p in powers) for channel in {c for p in powers for c in p}}
 
 
-def is_structured(findings: Sequence[Finding], log_alarm: float, powers: Powers) -> bool:
+def is_structured(findings: Sequence[StructureTest], log_alarm: float, powers: Powers) -> bool:
     """Whether structure is left that the twin, as accurate as it is, does not leave of what the causes do there."""
     return any(f.exceeds(powers) for f in findings if f.log_p_value < log_alarm)
 
 
 def weigh_against_unknown(
-    problem: Problem, fit: Fit, findings: Sequence[Finding], log_alarm: float, effects: int
+    problem: Problem, fit: Fit, findings: Sequence[StructureTest], log_alarm: float, effects: int
 ) -> Posterior:
     """Causes as fitted against something unknown in the place of each.
 
@@ -227,7 +227,7 @@ def _is_near(power: Powers, left: Powers) -> bool:
     return bool(beside > np.log1p(1 / NO_DEPARTURE))
 
 
-def _left_in(problem: Problem, fit: Fit, findings: Sequence[Finding], powers: Powers) -> dict[str, float]:
+def _left_in(problem: Problem, fit: Fit, findings: Sequence[StructureTest], powers: Powers) -> dict[str, float]:
     """Squares beyond noise that are left in each channel: those of structure, or of all rows where these are more.
 
     Not less than what noise alone has in as many directions as something unknown. What is found in no single channel

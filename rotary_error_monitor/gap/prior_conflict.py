@@ -11,13 +11,13 @@ from rotary_error_monitor.gap.fitting import Fit
 from rotary_error_monitor.gap.normal import grams_by_channel, solve_scaled, width_of
 from rotary_error_monitor.gap.p_values import log_chi_square_tail, log_normal_tail
 from rotary_error_monitor.gap.posterior import powers_of, summed
-from rotary_error_monitor.gap.problem import Finding, Problem
+from rotary_error_monitor.gap.problem import Problem, StructureTest
 
 _PLAIN = float(np.log(1e-2))
 """Logarithm of a p-value above which nothing alarms, whatever the false-alarm rate."""
 
 
-def find_prior_conflict(problem: Problem, fit: Fit) -> list[Finding]:
+def find_prior_conflict(problem: Problem, fit: Fit) -> list[StructureTest]:
     """Tests of the twin's uncertain parameters: moved further than their uncertainty allows, together or one alone.
 
     A strong effect that resembles a parameter is taken up by it and leaves nothing in the rows; here it shows. Fitted
@@ -33,12 +33,14 @@ def find_prior_conflict(problem: Problem, fit: Fit) -> list[Finding]:
     together = log_chi_square_tail(squares, len(moved))
     reach = _reach(problem, fit) if min(alone, together) < _PLAIN else {}
     return [
-        Finding("twin", "parameters", together, max(0.0, squares - len(moved)), words, _over(reach, slice(None))),
-        Finding("twin", "parameter", alone, max(0.0, float(moved[furthest]) ** 2 - 1), words, _over(reach, furthest)),
+        StructureTest("twin", "parameters", together, max(0.0, squares - len(moved)), words, _over(reach, slice(None))),
+        StructureTest(
+            "twin", "parameter", alone, max(0.0, float(moved[furthest]) ** 2 - 1), words, _over(reach, furthest)
+        ),
     ]
 
 
-def find_left(problem: Problem, fit: Fit) -> list[Finding]:
+def find_left(problem: Problem, fit: Fit) -> list[StructureTest]:
     """All that a fit leaves, the least likely first."""
     found = [*problem.structure(fit.rest), *find_prior_conflict(problem, fit)]
     return sorted(found, key=lambda finding: finding.log_p_value)

@@ -58,7 +58,7 @@ Columns = Rows | SparseRows | LateRows
 
 
 @dataclass(frozen=True)
-class Finding:
+class StructureTest:
     """Outcome of one test for structure.
 
     Attributes:
@@ -268,7 +268,7 @@ class Problem(Protocol):
     def candidates(self, rest: Rows, causes: Sequence[Cause]) -> tuple[Candidate, ...]:
         """Possible causes, with orders, moments and periods searched in what is left (`rest`, white rows (m, 1))."""
 
-    def structure(self, rest: Rows) -> list[Finding]:
+    def structure(self, rest: Rows) -> list[StructureTest]:
         """Tests of what is left against every kind of structure, each with the chance of it under noise."""
 
     def learn_noise(self, causes: Sequence[Cause]) -> bool:

@@ -15,7 +15,7 @@ from rotary_error_monitor.gap.departure_selection import with_departures
 from rotary_error_monitor.gap.departures import Departing
 from rotary_error_monitor.gap.fitting import Fit, fit_causes
 from rotary_error_monitor.gap.held_out import UNNEEDED, chance_of_no_better, dispersion, held_out_squares, predicts
-from rotary_error_monitor.gap.problem import Finding, Problem
+from rotary_error_monitor.gap.problem import Problem, StructureTest
 from rotary_error_monitor.gap.steps import Selection, Step
 from rotary_error_monitor.gap.verdict import Judgement, Verdict, alarming, names_of, probability_of_unknown
 from rotary_error_monitor.gap.weighing import weigh_fit
@@ -126,7 +126,7 @@ def _standing(problem: Problem, selection: Selection) -> Judgement:
 
 
 def _open(
-    step: Step, fit: Fit, findings: tuple[Finding, ...], settled: bool, doubts: tuple[str, ...] = ()
+    step: Step, fit: Fit, findings: tuple[StructureTest, ...], settled: bool, doubts: tuple[str, ...] = ()
 ) -> Judgement:
     if settled:
         return Judgement(Verdict.EXPLAINED, step, fit, (), probability_of_unknown(findings), doubts=doubts)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from rotary_error_monitor.gap.fitting import Fit
 from rotary_error_monitor.gap.hypotheses import Hypothesis, HypothesisTable
 from rotary_error_monitor.gap.posterior import Powers, is_structured
-from rotary_error_monitor.gap.problem import Finding
+from rotary_error_monitor.gap.problem import StructureTest
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Step:
 
     fit: Fit
     table: HypothesisTable
-    findings: tuple[Finding, ...]
+    findings: tuple[StructureTest, ...]
     log_alarm: float
     entering: Hypothesis | None
     log_p_entering: float

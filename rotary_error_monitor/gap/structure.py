@@ -18,7 +18,7 @@ from scipy.fft import next_fast_len
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.gap.orders import Angles
 from rotary_error_monitor.gap.p_values import chi_square_median, log_chi_square_tail, log_normal_tail
-from rotary_error_monitor.gap.problem import Finding
+from rotary_error_monitor.gap.problem import StructureTest
 
 MODELLED_ORDERS = 16
 """Orders looked for under each condition."""
@@ -77,13 +77,13 @@ class Track:
         return self.part()[1].spectrum(self.rows, LINE_ORDERS)
 
 
-def find_structure(track: Track) -> list[Finding]:
+def find_structure(track: Track) -> list[StructureTest]:
     """All tests of one channel."""
-    tests: list[Callable[[Track], Finding]] = [_orders, _line, _frequency, _place, _time]
+    tests: list[Callable[[Track], StructureTest]] = [_orders, _line, _frequency, _place, _time]
     return [test(track) for test in tests]
 
 
-def find_shared(tracks: Sequence[Track], independent: int) -> list[Finding]:
+def find_shared(tracks: Sequence[Track], independent: int) -> list[StructureTest]:
     """Orders that several channels hold, too weak to be seen in any one of them.
 
     Args:
@@ -98,10 +98,10 @@ def find_shared(tracks: Sequence[Track], independent: int) -> list[Finding]:
     dof = 2 * independent
     noise = float(np.median(power[MODELLED_ORDERS : 3 * MODELLED_ORDERS]) / chi_square_median(dof))
 
-    def finding(kind: str, order: int, reduction: float, dof: int, trials: int) -> Finding:
+    def finding(kind: str, order: int, reduction: float, dof: int, trials: int) -> StructureTest:
         loudest = tracks[int(np.argmax(each[:, order]))].channel
         chance = _log_any(log_chi_square_tail(reduction, dof), trials)
-        return Finding(
+        return StructureTest(
             loudest, kind, chance, max(0.0, reduction - dof), f"angle: order {order + 1} in {len(tracks)} channels"
         )
 
@@ -123,7 +123,7 @@ def _log_any(log_p_value: float, trials: int) -> float:
     return min(0.0, log_p_value + float(np.log(trials)))
 
 
-def _orders(track: Track) -> Finding:
+def _orders(track: Track) -> StructureTest:
     """Orders 0 to 16 under each condition, beside the noise of the orders above."""
     reduction, dof, best, words = 0.0, 0, 0.0, "nothing"
     for label, name in enumerate(track.names):
@@ -139,7 +139,7 @@ def _orders(track: Track) -> Finding:
         reduction, dof = reduction + part / floor, dof + dimension
         if np.max(each) / floor > best:
             best, words = np.max(each) / floor, f"order {int(np.argmax(each))} at {name}"
-    return Finding(
+    return StructureTest(
         track.channel,
         "orders",
         log_chi_square_tail(reduction, max(dof, 1)),
@@ -155,16 +155,16 @@ def _noise_above(angles: Angles, rows: Array) -> float:
     return float(np.median(power) / chi_square_median(1))
 
 
-def _line(track: Track) -> Finding:
+def _line(track: Track) -> StructureTest:
     """One order, up to 200, over the whole recording."""
     power = track.spectrum
     order = int(np.argmax(power)) + 1
     best = float(power[order - 1])
     log_p_value = _log_any(-best / 2, LINE_ORDERS)
-    return Finding(track.channel, "line", log_p_value, max(0.0, best - 2), f"angle: order {order}")
+    return StructureTest(track.channel, "line", log_p_value, max(0.0, best - 2), f"angle: order {order}")
 
 
-def _frequency(track: Track) -> Finding:
+def _frequency(track: Track) -> StructureTest:
     """One frequency, whatever the speed.
 
     It must stand out of the frequencies around it: at constant speed rounding repeats itself, and jitter smears that
@@ -179,7 +179,7 @@ def _frequency(track: Track) -> Finding:
     best = int(np.argmax(power))
     frequency = (best + 1) / (len(even) * period)
     log_p_value = _log_any(-float(power[best]) / 2, len(power))
-    return Finding(
+    return StructureTest(
         track.channel, "frequency", log_p_value, max(0.0, float(power[best]) - 2), f"time: line at {frequency:.2f} Hz"
     )
 
@@ -193,13 +193,13 @@ def _level_around(power: Array) -> Array:
     return np.asarray(np.concatenate([np.repeat(levels, BAND), np.full(len(power) - whole, levels[-1])]), np.float64)
 
 
-def _place(track: Track) -> Finding:
+def _place(track: Track) -> StructureTest:
     """One place on the circle, two degrees wide."""
     cell = (np.mod(track.angle, 2 * np.pi) * PLACES / (2 * np.pi)).astype(np.intp) % PLACES
     return _of_cells(track, "place", cell, PLACES, lambda best: f"angle: place {(best + 0.5) * 360 / PLACES:.0f}°")
 
 
-def _time(track: Track) -> Finding:
+def _time(track: Track) -> StructureTest:
     """One moment, half a second wide."""
     begin = track.time[0]
     cell = ((track.time - begin) / SECONDS).astype(np.intp)
@@ -207,12 +207,14 @@ def _time(track: Track) -> Finding:
     return _of_cells(track, "time", cell, count, lambda best: f"time: at {begin + (best + 0.5) * SECONDS:.1f} s")
 
 
-def _of_cells(track: Track, kind: str, cell: NDArray[np.intp], count: int, words: Callable[[int], str]) -> Finding:
+def _of_cells(
+    track: Track, kind: str, cell: NDArray[np.intp], count: int, words: Callable[[int], str]
+) -> StructureTest:
     """The one of `count` cells, into which rows fall by `cell` (n,), whose mean is farthest from zero."""
     z, used = _means(cell, track.rows, count)
     best = int(np.argmax(np.abs(z)))
     log_p_value = _log_any(log_normal_tail(abs(float(z[best]))) + float(np.log(2)), used)
-    return Finding(track.channel, kind, log_p_value, max(0.0, float(z[best]) ** 2 - 1), words(best))
+    return StructureTest(track.channel, kind, log_p_value, max(0.0, float(z[best]) ** 2 - 1), words(best))
 
 
 def _means(cell: NDArray[np.intp], rows: Array, cells: int) -> tuple[Array, int]:

@@ -12,7 +12,7 @@ from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import AnyEffect, Cause, Role, among, order_location, values_of
 from rotary_error_monitor.gap.dependence import explained_by, name_dependences
 from rotary_error_monitor.gap.p_values import log_chi_square_tail
-from rotary_error_monitor.gap.problem import Candidate, Conditions, Finding, Rows, Share
+from rotary_error_monitor.gap.problem import Candidate, Conditions, Rows, Share, StructureTest
 from rotary_error_monitor.gap.views import View
 
 TELLING = 0.05
@@ -156,11 +156,11 @@ class TableProblem(ABC, Generic[State]):
         found = next(candidate for candidate in self.candidates({}, ()) if candidate.key == tuple(key))
         return found.cause(np.zeros(len(found.linear)))
 
-    def structure(self, rest: Rows) -> list[Finding]:
+    def structure(self, rest: Rows) -> list[StructureTest]:
         """One test for each channel and group of shapes: the one that explains most of what is left."""
         return self.findings(rest, self.shapes())
 
-    def findings(self, rest: Rows, shapes: Shapes) -> list[Finding]:
+    def findings(self, rest: Rows, shapes: Shapes) -> list[StructureTest]:
         """The same of some groups of shapes."""
         findings = []
         for channel in (channel for channel in self.channels if channel in rest):
@@ -173,7 +173,7 @@ class TableProblem(ABC, Generic[State]):
                 best = int(np.argmax(gains))
                 chance = min(0.0, log_chi_square_tail(float(gains[best]), 1) + float(np.log(len(names))))
                 pattern = f"{group}: {names[best]}"
-                findings.append(Finding(channel, group, chance, max(0.0, float(gains[best]) - 1), pattern))
+                findings.append(StructureTest(channel, group, chance, max(0.0, float(gains[best]) - 1), pattern))
         return findings
 
     def learn_noise(self, causes: Sequence[Cause]) -> bool:

@@ -13,7 +13,7 @@ from rotary_error_monitor.gap.alternatives import Key
 from rotary_error_monitor.gap.fitting import Fit
 from rotary_error_monitor.gap.p_values import LEAST_LOG_P_VALUE
 from rotary_error_monitor.gap.posterior import PRIOR_OF_UNKNOWN, Resembled, shown_by
-from rotary_error_monitor.gap.problem import Finding, Problem
+from rotary_error_monitor.gap.problem import Problem, StructureTest
 from rotary_error_monitor.gap.steps import Step
 
 LARGE = 1000.0
@@ -55,7 +55,7 @@ class Judgement:
     verdict: Verdict
     step: Step
     fit: Fit
-    findings: tuple[Finding, ...]
+    findings: tuple[StructureTest, ...]
     unknown: float
     dispersion: float = 1.0
     credits: Mapping[frozenset[Key], float] | None = None
@@ -63,7 +63,7 @@ class Judgement:
     doubts: tuple[str, ...] = ()
 
 
-def probability_of_unknown(findings: Sequence[Finding]) -> float:
+def probability_of_unknown(findings: Sequence[StructureTest]) -> float:
     """Probability that something unknown is left, from the least likely finding.
 
     The bound of Sellke, Bayarri and Berger (2001) turns a chance p, corrected for the number of tests, into the largest
@@ -110,6 +110,6 @@ def names_of(causes: Sequence[Cause]) -> str:
     return " and ".join(" at ".join(filter(None, cause.key)) for cause in causes)
 
 
-def alarming(findings: tuple[Finding, ...], step: Step) -> tuple[Finding, ...]:
+def alarming(findings: tuple[StructureTest, ...], step: Step) -> tuple[StructureTest, ...]:
     """Those findings that are less likely than the named false-alarm rate allows."""
     return tuple(f for f in findings if f.log_p_value < step.log_alarm)

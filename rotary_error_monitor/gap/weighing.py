@@ -25,7 +25,7 @@ from rotary_error_monitor.gap.posterior import (
     weigh_against_unknown,
 )
 from rotary_error_monitor.gap.prior_conflict import find_left
-from rotary_error_monitor.gap.problem import Finding, Problem
+from rotary_error_monitor.gap.problem import Problem, StructureTest
 from rotary_error_monitor.gap.shrink import measure_gap
 from rotary_error_monitor.gap.steps import Step
 from rotary_error_monitor.gap.verdict import doubt_about
@@ -124,7 +124,7 @@ def weigh_fit(problem: Problem, step: Step, fit: Fit) -> Posterior:
     return weigh_against_unknown(problem, fit, left, step.log_alarm, step.table.effects)
 
 
-def _entering(problem: Problem, step: Step, fit: Fit) -> list[Finding]:
+def _entering(problem: Problem, step: Step, fit: Fit) -> list[StructureTest]:
     """The known effect that stood out beside the causes of a step, if it does so still."""
     table, entering = step.table, step.entering
     if entering is None or not step.improvable:
@@ -141,7 +141,7 @@ def _entering(problem: Problem, step: Step, fit: Fit) -> list[Finding]:
     log_p_value += step.log_alarm - step.log_alarm_entering
     words = " at ".join(filter(None, candidate.key))
     return [
-        Finding(channel, "known effect", log_p_value, reduction, f"as by {words}")
+        StructureTest(channel, "known effect", log_p_value, reduction, f"as by {words}")
         for channel, reduction in reductions.items()
     ]
 

@@ -16,7 +16,7 @@ _LONGEST_QUOTE = 120
 """Characters of a message's own text that a reason repeats: what anybody sends shall not fill logs."""
 
 
-class Doubt(Enum):
+class RefusalReason(Enum):
     """Why a correction message is not believed; the value is its name in figures."""
 
     AXES = "axes"
@@ -30,9 +30,9 @@ class Doubt(Enum):
 
 
 class RefusalError(InputError):
-    """A message that is not believed, with the kind of doubt."""
+    """A message that is not believed, with its kind."""
 
-    def __init__(self, doubt: Doubt, reason: str) -> None:
+    def __init__(self, doubt: RefusalReason, reason: str) -> None:
         """Refuse because of `doubt`, in words `reason`."""
         super().__init__(reason)
         self.doubt = doubt
@@ -133,16 +133,14 @@ class CorrectionGate:
             if found
         ]
         if what:
-            raise RefusalError(
-                Doubt.AXES, f"corrections of the axes {_quote(names)}; expected each of {' '.join(expected)} once: "
-                + ", ".join(what)
-            )  # fmt: skip
+            once = f"expected each of {' '.join(expected)} once: {', '.join(what)}"
+            raise RefusalError(RefusalReason.AXES, f"corrections of the axes {_quote(names)}; {once}")
 
     def _check_numbers(self, message: CorrectionMessage) -> None:
         names, positions, velocities = len(message.names), len(message.positions), len(message.velocities)
         if positions != names or velocities not in (0, names):
             raise RefusalError(
-                Doubt.NUMBERS,
+                RefusalReason.NUMBERS,
                 f"{names} names, {positions} positions, {velocities} velocities; expected as many of each "
                 "(velocities may be left out)",
             )
@@ -150,32 +148,34 @@ class CorrectionGate:
             for name, value in zip(message.names, values, strict=False):
                 if not math.isfinite(value):
                     raise RefusalError(
-                        Doubt.NUMBERS, f"{what} of {_quote([name])} is {value}; expected a finite number"
+                        RefusalReason.NUMBERS, f"{what} of {_quote([name])} is {value}; expected a finite number"
                     )
 
     def _check_size(self, positions: Position) -> None:
         for name, value, largest in zip(self.limits.axes, positions, self.limits.largest, strict=True):
             if abs(value) > largest:
                 raise RefusalError(
-                    Doubt.SIZE, f"correction of {name} is {value:g}; expected at most {largest:g} (m, rad)"
+                    RefusalReason.SIZE, f"correction of {name} is {value:g}; expected at most {largest:g} (m, rad)"
                 )
 
     def _check_stamp(self, stamp_ns: int, now_ns: int) -> None:
         age = (now_ns - stamp_ns) / NANOSECONDS
         if stamp_ns <= 0:
-            raise RefusalError(Doubt.STAMP, "correction without a stamp; expected when it was computed")
+            raise RefusalError(RefusalReason.STAMP, "correction without a stamp; expected when it was computed")
         if age < -self.limits.clock_tolerance:
             raise RefusalError(
-                Doubt.AHEAD,
+                RefusalReason.AHEAD,
                 f"correction is {-age:.3g} s ahead of the clock; expected at most {self.limits.clock_tolerance:g} s",
             )
         if age > self.limits.max_age:
-            raise RefusalError(Doubt.AGE, f"correction is {age:.3g} s old; expected at most {self.limits.max_age:g} s")
+            raise RefusalError(
+                RefusalReason.AGE, f"correction is {age:.3g} s old; expected at most {self.limits.max_age:g} s"
+            )
         last_ns = self._last_ns
         is_known = last_ns is not None and last_ns - now_ns <= self.limits.clock_tolerance * NANOSECONDS
         if last_ns is not None and is_known and stamp_ns <= last_ns:
             raise RefusalError(
-                Doubt.ORDER,
+                RefusalReason.ORDER,
                 f"correction is {(last_ns - stamp_ns) / NANOSECONDS:.3g} s before the last one believed; "
                 "expected after it",
             )

@@ -10,9 +10,9 @@ from rotary_error_monitor.linuxcnc_controller.gate import (
     AcceptedCorrection,
     CorrectionGate,
     CorrectionMessage,
-    Doubt,
     GateLimits,
     RefusalError,
+    RefusalReason,
 )
 from rotary_error_monitor.linuxcnc_controller.sources import Sources
 
@@ -34,7 +34,7 @@ class Hold:
 
     reason: str
     duration: float | None
-    doubt: Doubt | None
+    doubt: RefusalReason | None
 
     def __str__(self) -> str:
         return f"held: {self.reason}" if self.duration is None else f"held for {self.duration:.1f} s: {self.reason}"
@@ -53,7 +53,7 @@ class CorrectionIntake:
     def __init__(self, limits: GateLimits) -> None:
         """Believe what keeps within `limits` and comes from one publisher."""
         self.sources = Sources()
-        self.refused: Counter[Doubt] = Counter()
+        self.refused: Counter[RefusalReason] = Counter()
         self._gate = CorrectionGate(limits)
         self._max_age_ns = limits.max_age * NANOSECONDS
         self._accepted_ns: int | None = None
@@ -72,7 +72,7 @@ class CorrectionIntake:
         try:
             trouble = self.sources.trouble(steady_ns)
             if trouble:
-                raise RefusalError(Doubt.PUBLISHERS, trouble)
+                raise RefusalError(RefusalReason.PUBLISHERS, trouble)
             correction = self._gate.judge(message, now_ns)
         except RefusalError as error:
             self.refused[error.doubt] += 1
@@ -86,7 +86,7 @@ class CorrectionIntake:
         duration = None if self._accepted_ns is None else (steady_ns - self._accepted_ns) / NANOSECONDS
         trouble = self.sources.trouble(steady_ns)
         if trouble:
-            return Hold(trouble, duration, Doubt.PUBLISHERS)
+            return Hold(trouble, duration, RefusalReason.PUBLISHERS)
         if self._accepted_ns is not None and steady_ns - self._accepted_ns <= self._max_age_ns:
             return None
         if self._is_refusing and self._refusal is not None and self._is_present(steady_ns):

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.machine.kernel import Rows, chosen_kernel
+from rotary_error_monitor.machine.kernel import PoseRows, chosen_kernel
 from rotary_error_monitor.machine.kinematics import MachineModel, stand, turns
 from rotary_error_monitor.machine.transforms import chain, compose, cross, inverse, rotate, rotation_vector
 
@@ -160,7 +160,7 @@ def arrange_rows(
     direction: ArrayLike | None = None,
     temperature: ArrayLike | None = None,
     monitored: ArrayLike | None = None,
-) -> Rows:
+) -> PoseRows:
     """The input as arrays with poses first, each in one piece; whether numbers are finite is not looked at.
 
     Raises:
@@ -173,7 +173,7 @@ def arrange_rows(
     count = len(q)
     if monitored is not None:
         _monitored_axis(model)
-    return Rows(
+    return PoseRows(
         q,
         None if direction is None else _rows("direction", direction, (count, axes)),
         None if temperature is None else _rows("temperature", temperature, (count,)),
@@ -181,7 +181,7 @@ def arrange_rows(
     )
 
 
-def check_rows(rows: Rows) -> CheckedPoses:
+def check_rows(rows: PoseRows) -> CheckedPoses:
     """The same with poses last.
 
     Raises:

@@ -32,7 +32,7 @@ _MOST_MULTIPLE = 64
 which rounds once: as much as the argument of a sine of that order is rounded."""
 
 
-class Rows(NamedTuple):
+class PoseRows(NamedTuple):
     """Input of the right shapes, poses first, each in one piece; numbers may be other than finite."""
 
     positions: Array
@@ -131,7 +131,7 @@ class _Packed:
         return address(self._kept[-1])
 
 
-class Kernel:
+class MachineKernel:
     """The library, called with the package's own arrays."""
 
     def __init__(self, library: ctypes.CDLL) -> None:
@@ -143,7 +143,7 @@ class Kernel:
         self._packed: WeakKeyDictionary[MachineModel, _Packed] = WeakKeyDictionary()
 
     def offsets(
-        self, model: MachineModel, rows: Rows, added: Array | None = None, ideal: Array | None = None
+        self, model: MachineModel, rows: PoseRows, added: Array | None = None, ideal: Array | None = None
     ) -> Array | None:
         """(n, 6) offset at the positions, and `added` (n, axes) to them, against the ideal machine at the positions.
 
@@ -163,7 +163,7 @@ class Kernel:
         return None if wrong >= 0 else offset
 
     def corrections(
-        self, model: MachineModel, rows: Rows, least_reach: float, most_steps: int, last_step: float
+        self, model: MachineModel, rows: PoseRows, least_reach: float, most_steps: int, last_step: float
     ) -> KernelCorrections | None:
         """What `solve_axis_corrections` finds; None as for `offsets`."""
         if len(model.letters) > MOST_AXES:
@@ -192,17 +192,17 @@ class Kernel:
 
 
 @functools.cache
-def load_kernel() -> tuple[Kernel | None, str]:
+def load_kernel() -> tuple[MachineKernel | None, str]:
     """The kernel that computes, None for numpy, and in that case why.
 
     Raises:
         InputError: the environment asks for a kernel that is not there.
     """
     library, reason = load_library(_LIBRARY, _SOURCES)
-    return None if library is None else Kernel(library), reason
+    return None if library is None else MachineKernel(library), reason
 
 
-def chosen_kernel() -> Kernel | None:
+def chosen_kernel() -> MachineKernel | None:
     """The compiled kernel; None where numpy computes."""
     return load_kernel()[0]
 
@@ -213,6 +213,6 @@ def describe_kernel() -> str:
     return f"the machine model is computed by numpy, which is slower: {reason}" if reason else ""
 
 
-def _poses(rows: Rows, added: Array | None = None, ideal: Array | None = None) -> _Poses:
+def _poses(rows: PoseRows, added: Array | None = None, ideal: Array | None = None) -> _Poses:
     arrays = (rows.positions, added, rows.direction, rows.temperature, rows.monitored, ideal)
     return _Poses(len(rows.positions), *(None if array is None else address(array) for array in arrays))

@@ -98,7 +98,7 @@ def departure(motion: Iterable[PlanarHarmonic]) -> float:
 
 
 @dataclass(frozen=True)
-class Finding:
+class Mistake:
     """A mistake that fits better than the description.
 
     Attributes:
@@ -120,7 +120,7 @@ class Finding:
         return turned * described + mirrored * described.conjugate() + added * cmath.exp(1j * theta)
 
 
-class Reading(NamedTuple):
+class MistakenReading(NamedTuple):
     """What an instrument with a mistake shows in the place of a vector, `x + 1j * y`.
 
     Attributes:
@@ -139,7 +139,7 @@ class Reading(NamedTuple):
 class _Rival(NamedTuple):
     """An explanation beside the description: sum of squares, angles left to tell it, the difference that it makes.
 
-    `shown` as of `Finding`.
+    `shown` as of `Mistake`.
     """
 
     name: str
@@ -159,7 +159,7 @@ class FigureCheck:
 
     def __init__(
         self,
-        mistakes: Mapping[str, Reading],
+        mistakes: Mapping[str, MistakenReading],
         noise: float,
         fixed: float,
         fixed_name: str,
@@ -178,7 +178,7 @@ class FigureCheck:
         """
         self._mistakes = tuple(mistakes)
         factors = np.array(list(mistakes.values()), np.complex128).reshape(-1, 2).T[:, :, None]
-        self._reading = Reading(*factors)
+        self._reading = MistakenReading(*factors)
         # of each mistake, as single numbers: so few are faster one by one
         self._factors = pairs = [(complex(each.turned), complex(each.mirrored)) for each in mistakes.values()]
         self._conjugates = [(t.conjugate(), m.conjugate(), abs(t) ** 2 + abs(m) ** 2) for t, m in pairs]
@@ -247,7 +247,7 @@ class FigureCheck:
         self._seen, self._described, self._turned = other._seen[:], other._described[:], other._turned[:]
         self._count, self._apart = other._count[:], other._apart[:]
 
-    def mend(self, finding: Finding, before: FigureCheck) -> None:
+    def mend(self, finding: Mistake, before: FigureCheck) -> None:
         """Forget what a mistake explains better than the description; there counts what was seen `before`."""
         wrong = [place for place in range(BINS) if self._is_mistaken(place, finding)]
         for place in wrong:
@@ -257,11 +257,11 @@ class FigureCheck:
             self._turned[place], self._apart[place] = before._turned[place], before._apart[place]
         self.covered, self._last = (BINS - self._count.count(0)) / BINS, -1
 
-    def _is_mistaken(self, place: int, finding: Finding) -> bool:
+    def _is_mistaken(self, place: int, finding: Mistake) -> bool:
         seen, described, theta = self._seen[place], self._described[place], cmath.phase(self._turned[place])
         return self._count[place] > 0 and abs(seen - finding.shows(theta, described)) < abs(seen - described)
 
-    def judge(self, deviation: float = 0.0) -> Finding | None:
+    def judge(self, deviation: float = 0.0) -> Mistake | None:
         """The mistake that explains most of what the description leaves; None where none does.
 
         Args:
@@ -298,7 +298,7 @@ class FigureCheck:
                 continue
             odds = -freedom * math.log1p(-explained) - (angles - freedom) * penalty
             if odds >= highest:
-                best, highest = Finding(name, math.sqrt(total / angles), explained, shown), odds
+                best, highest = Mistake(name, math.sqrt(total / angles), explained, shown), odds
         return None if best is None or best.left < FINDING * math.sqrt((least + off) / angles) else best
 
     def _explain_nothing(self, seen: Array, described: Array, total: float) -> bool:
@@ -369,16 +369,16 @@ def _size(values: Array) -> float:
     return math.sqrt(_square(values) / len(values))
 
 
-MIRRORED: Mapping[str, Reading] = {
-    "x is reversed": Reading(mirrored=-1.0),
-    "y is reversed": Reading(mirrored=1.0),
-    "x and y are both reversed": Reading(turned=-1.0),
-    "x and y are exchanged": Reading(mirrored=1j),
-    "x and y are exchanged and reversed": Reading(mirrored=-1j),
-    "x is read as y and y as -x": Reading(turned=1j),
-    "x is read as -y and y as x": Reading(turned=-1j),
+MIRRORED: Mapping[str, MistakenReading] = {
+    "x is reversed": MistakenReading(mirrored=-1.0),
+    "y is reversed": MistakenReading(mirrored=1.0),
+    "x and y are both reversed": MistakenReading(turned=-1.0),
+    "x and y are exchanged": MistakenReading(mirrored=1j),
+    "x and y are exchanged and reversed": MistakenReading(mirrored=-1j),
+    "x is read as y and y as -x": MistakenReading(turned=1j),
+    "x is read as -y and y as x": MistakenReading(turned=-1j),
 }
 """The seven other ways in which two axes can be connected."""
 
-DARK: Mapping[str, Reading] = {"nothing is seen, as without light": Reading()}
+DARK: Mapping[str, MistakenReading] = {"nothing is seen, as without light": MistakenReading()}
 """What an autocollimator shows whose light does not come back."""

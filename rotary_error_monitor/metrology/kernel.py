@@ -22,7 +22,7 @@ from rotary_error_monitor.libraries import REALS, address, is_plain, kernel_of
 MOST_HEADS = 7  # as in compiled/kernel.c
 
 
-class Layout(ctypes.Structure):
+class LayoutStructure(ctypes.Structure):
     """`layout` of compiled/kernel.c."""
 
     _fields_ = (
@@ -52,7 +52,7 @@ class PackedLayout:
         self._kept = [np.ascontiguousarray(array, np.float64) for array in arrays]
         weights = self._kept[0]
         places = [address(array) for array in self._kept]
-        self.layout = Layout(weights.shape[1], redundancy, float(weights[0].sum()), *places)
+        self.layout = LayoutStructure(weights.shape[1], redundancy, float(weights[0].sum()), *places)
         self.heads, self.redundancy, self.sees_less = weights.shape[1], redundancy, sees_less
 
 
@@ -69,7 +69,7 @@ class Waves:
 _ROOM = Path(__file__).parent
 
 
-class Kernel:
+class MetrologyKernel:
     """The library, called with the package's own arrays."""
 
     def __init__(self, library: ctypes.CDLL) -> None:
@@ -130,6 +130,6 @@ class Kernel:
 
 
 @cache
-def chosen_kernel() -> Kernel | None:
+def chosen_kernel() -> MetrologyKernel | None:
     """The compiled kernel, see `kernel_of`; None where numpy computes."""
-    return kernel_of(_ROOM, Kernel)
+    return kernel_of(_ROOM, MetrologyKernel)

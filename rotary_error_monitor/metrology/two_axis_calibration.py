@@ -44,7 +44,7 @@ SIGMAS = 4.0
 
 
 @dataclass(frozen=True)
-class Instrument:
+class InstrumentPrior:
     """What is known of the instrument before, in rad of what it reads.
 
     Attributes:
@@ -149,7 +149,7 @@ class TwoAxisCalibration:
         return np.asarray(COVERAGE * np.sqrt(np.einsum("mai,ij,maj->ma", moved, self.covariance, moved)))
 
 
-def calibrate_two_axes(steps: StepReadings, instrument: Instrument, reference: Reference) -> TwoAxisCalibration:
+def calibrate_two_axes(steps: StepReadings, instrument: InstrumentPrior, reference: Reference) -> TwoAxisCalibration:
     """The response of an instrument from steps of a reference.
 
     Raises:

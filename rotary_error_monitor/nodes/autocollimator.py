@@ -13,14 +13,14 @@ from rotary_error_monitor.nodes.sensor import SensorNode
 NAME = "autocollimator"
 
 
-class Autocollimator(SensorNode):
+class AutocollimatorNode(SensorNode):
     """Publishes the tilt of the mirror as sample blocks, and as a vector for people."""
 
     kind = NAME
     own_topics = ("autocollimator_samples", "autocollimator_tilt")
 
 
-main = program(Autocollimator, NAME)
+main = program(AutocollimatorNode, NAME)
 
 if __name__ == "__main__":
     raise SystemExit(main())

@@ -13,9 +13,9 @@ from sensor_msgs.msg import JointState
 from rotary_error_monitor.linuxcnc_controller.gate import (
     AcceptedCorrection,
     CorrectionMessage,
-    Doubt,
     GateLimits,
     RefusalError,
+    RefusalReason,
 )
 from rotary_error_monitor.linuxcnc_controller.intake import CorrectionIntake, Hold
 from rotary_error_monitor.linuxcnc_controller.offsets import WAITING
@@ -110,7 +110,7 @@ class CorrectionListener:
             "publishers": ", ".join(self._publishers) or "none",
             "held_s": "none" if hold is None or hold.duration is None else hold.duration,
         }
-        figures |= {f"refused_{doubt.value}": 0 if intake is None else intake.refused[doubt] for doubt in Doubt}
+        figures |= {f"refused_{doubt.value}": 0 if intake is None else intake.refused[doubt] for doubt in RefusalReason}
         figures |= controller.figures or {}
         if intake is not None and intake.remark(steady_ns) and (hold is None or hold.doubt is None):
             remarks.append(intake.remark(steady_ns))
@@ -147,9 +147,9 @@ class CorrectionListener:
         self._is_halted = False
         self._follow(correction)
 
-    def _halt_if_several(self, doubt: Doubt | None) -> None:
+    def _halt_if_several(self, doubt: RefusalReason | None) -> None:
         """Where another may have had a word, its correction shall not be what is held."""
-        if doubt is Doubt.PUBLISHERS and not self._is_halted:
+        if doubt is RefusalReason.PUBLISHERS and not self._is_halted:
             self._is_halted = True
             self._halt()
 

@@ -12,14 +12,14 @@ from rotary_error_monitor.nodes.sensor import SensorNode
 NAME = "lvdt"
 
 
-class Lvdt(SensorNode):
+class LvdtNode(SensorNode):
     """Publishes the displacement of the artefact as sample blocks, and as a vector for people."""
 
     kind = NAME
     own_topics = ("lvdt_samples", "lvdt_radial")
 
 
-main = program(Lvdt, NAME)
+main = program(LvdtNode, NAME)
 
 if __name__ == "__main__":
     raise SystemExit(main())

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rotary_error_monitor.arrays import Array, Mask
 from rotary_error_monitor.effects.rotor import AT_REST
 from rotary_error_monitor.noise.head_grid import HeadGrid, HeadRows
-from rotary_error_monitor.twin.recording import StageRecording, Stream
+from rotary_error_monitor.twin.recording import SignalStream, StageRecording
 
 USUAL = 8.0
 """Medians of what scatter alone does beyond which it jumps: more than five standard deviations of it."""
@@ -28,7 +28,7 @@ def input_gaps(recording: StageRecording) -> Array:
     first, last = float(command.time[0]), float(command.time[-1])
     spans: list[tuple[float, float]] = []
     for name in ("command", "force"):
-        stream: Stream | None = recording.streams.get(name)
+        stream: SignalStream | None = recording.streams.get(name)
         if stream is not None:
             longest = 3.5 * stream.period
             wide = np.flatnonzero(np.diff(stream.time) > longest)
@@ -40,7 +40,7 @@ def input_gaps(recording: StageRecording) -> Array:
     return np.asarray(spans)
 
 
-def between_samples(command: Stream, time: Array, least: float | Array) -> NDArray[np.bool_]:
+def between_samples(command: SignalStream, time: Array, least: float | Array) -> NDArray[np.bool_]:
     """(m,) whether the command is off by more than `least`, rad, where it is interpolated to times (m,).
 
     A speed that jumps by d within an interval h, which nothing around it tells, puts a cubic on angles and speeds off
@@ -57,7 +57,7 @@ def between_samples(command: Stream, time: Array, least: float | Array) -> NDArr
     return np.asarray(off[interval] > np.maximum(least, USUAL * float(np.median(off))), bool)
 
 
-def apart_between_samples(command: Stream, grid: HeadGrid, times: Mapping[str, Array], least: float) -> Mask:
+def apart_between_samples(command: SignalStream, grid: HeadGrid, times: Mapping[str, Array], least: float) -> Mask:
     """(m,) rows of heads whose times in an interval of the command are so far apart that it is off by more than `least`
     at one of them and not at the other.
 
@@ -89,7 +89,7 @@ def _around(differences: Array, intervals: int) -> Array:
     return largest
 
 
-def turning_points(command: Stream) -> Array:
+def turning_points(command: SignalStream) -> Array:
     """(n, 2) spans of time between two samples of a command within which it starts, stops or reverses.
 
     When it does is not known, and by a sample of another direction of travel what depends on it would be wrong as a

@@ -10,13 +10,13 @@ from scipy.ndimage import median_filter
 from rotary_error_monitor.arrays import Array, Mask
 from rotary_error_monitor.noise.head_grid import HeadGrid
 from rotary_error_monitor.signals.gross_readings import gross_readings, recurring
-from rotary_error_monitor.twin.recording import Stream
+from rotary_error_monitor.twin.recording import SignalStream
 
 SPIKE = 6.0
 """A sample further than this many standard deviations from its neighbours' median is a spike: one in 10^9 by chance."""
 
 
-def find_spikes(residual: Array, std: float, stream: Stream, command: Stream) -> Mask:
+def find_spikes(residual: Array, std: float, stream: SignalStream, command: SignalStream) -> Mask:
     """(n, k) samples of a sensor, in each of its fields, that are spikes.
 
     Args:
@@ -37,7 +37,7 @@ def find_spikes(residual: Array, std: float, stream: Stream, command: Stream) ->
 
 
 def find_head_spikes(
-    grid: HeadGrid, residual: Mapping[str, Array], std: float, azimuths: Mapping[str, float], command: Stream
+    grid: HeadGrid, residual: Mapping[str, Array], std: float, azimuths: Mapping[str, float], command: SignalStream
 ) -> dict[str, Mask]:
     """(n, 1) samples of each head that are spikes; what all heads show at once is motion.
 

@@ -47,7 +47,7 @@ from rotary_error_monitor.noise.spikes import find_head_spikes, find_spikes
 from rotary_error_monitor.noise.turbulence import drift_predictors
 from rotary_error_monitor.noise.whitening import Whitener, few_at_once, predictor, runs_of, segments_of
 from rotary_error_monitor.sensors.library import instrument_of, sensor_of
-from rotary_error_monitor.twin.recording import StageRecording, Stream
+from rotary_error_monitor.twin.recording import SignalStream, StageRecording
 
 CELLS = 480
 """Cells of a recording in which slow noise is the same: eight to a wave of its highest order, 120 half periods."""
@@ -311,7 +311,7 @@ class StageNoise:
         return {name: self._streams[name].time for name in self.grid.heads}
 
     def _find_spikes(
-        self, stage: StageDescription, residual: Mapping[str, Array], command: Stream, apart: Mask
+        self, stage: StageDescription, residual: Mapping[str, Array], command: SignalStream, apart: Mask
     ) -> dict[str, NDArray[np.bool_]]:
         """(n, k) which samples of each stream are spikes; those of heads are as good as lost.
 

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 
 from rotary_error_monitor.description.two_axis_section import Turbulence
 from rotary_error_monitor.noise.whitening import Whitener, drift_predictor
-from rotary_error_monitor.twin.recording import Stream
+from rotary_error_monitor.twin.recording import SignalStream
 
 
 def drift_predictors(
-    slow: Mapping[str, Turbulence | None], white: Mapping[str, float], streams: Mapping[str, Stream]
+    slow: Mapping[str, Turbulence | None], white: Mapping[str, float], streams: Mapping[str, SignalStream]
 ) -> dict[str, Whitener]:
     """Whitener of each stream whose noise has a slow part beside white noise of a standard deviation."""
     return {

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.twin.recording import Stream
+from rotary_error_monitor.twin.recording import SignalStream
 
 AT_ONCE = 2**15
 """Numbers of a column or of several that are worked on together: these fit into a processor's cache."""
@@ -159,7 +159,7 @@ def segments_of(present: NDArray[np.bool_]) -> list[slice]:
     return [slice(int(start), int(stop)) for start, stop in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def runs_of(stream: Stream, kept: NDArray[np.bool_]) -> list[slice]:
+def runs_of(stream: SignalStream, kept: NDArray[np.bool_]) -> list[slice]:
     """Runs of the samples `kept` (n,) of a stream between which none was lost."""
     breaks = np.flatnonzero(np.diff(stream.time) > 1.5 * stream.period) + 1
     found = []

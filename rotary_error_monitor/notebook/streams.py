@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.codec.contents import Content, JointState, PointStamped, Temperature
-from rotary_error_monitor.commissioning.streams import Stream, join_blocks
+from rotary_error_monitor.commissioning.streams import RawStream, join_blocks
 from rotary_error_monitor.description.topics import place_of, stream_of
 from rotary_error_monitor.description.wire import Topic
 from rotary_error_monitor.errors import InputError, one_line
@@ -135,7 +135,7 @@ def _stream(name: str, topic: str, contents: Sequence[Content]) -> RecordedStrea
     assert place is not None
     blocks = [content if isinstance(content, SampleBlock) else _block_of(content, place.topic) for content in contents]
     fields = blocks[0].names[1:] if blocks else ()
-    joined: Stream = join_blocks([_ordered(block, fields) for block in blocks], fields)
+    joined: RawStream = join_blocks([_ordered(block, fields) for block in blocks], fields)
     times, values = sealed((joined.times_ns, joined.values))
     units = tuple(_unit_of(place.topic, field) for field in fields)
     is_raw = place.topic.is_raw or name in OF_MACHINE

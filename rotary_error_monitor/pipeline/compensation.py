@@ -28,7 +28,7 @@ from rotary_error_monitor.pipeline.input_checks import InputChecks, Tolerances
 from rotary_error_monitor.pipeline.joints import AxisPositions, JointTrack, unpack_directions
 from rotary_error_monitor.pipeline.live_components import Carrier
 from rotary_error_monitor.pipeline.poses import TimedPoses
-from rotary_error_monitor.pipeline.thermometer import Thermometer
+from rotary_error_monitor.pipeline.thermometer import MachineThermometer
 from rotary_error_monitor.signals.admission import LATE
 
 
@@ -117,7 +117,7 @@ class Compensator:
         # Without error motion a tick is the joint state's own, so there is nothing to wait for.
         lag_ns = self._settings.joint_lag_ns if machine.monitored else 0
         self.joints = JointTrack(machine, lag_ns, self._settings.patience_ns)
-        self.thermometer = Thermometer(machine)
+        self.thermometer = MachineThermometer(machine)
         self.holding = Holding(self._settings.hold_limit_ns)
         chosen = self._settings
         tolerances = Tolerances(

@@ -12,7 +12,7 @@ from rotary_error_monitor.description.stage_limits import StageLimits
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.far_distance import FarDistance
 from rotary_error_monitor.pipeline.joints import AxisPositions
-from rotary_error_monitor.pipeline.kernel import Judged, Tolerated, chosen_kernel
+from rotary_error_monitor.pipeline.kernel import JudgedTicks, Tolerated, chosen_kernel
 from rotary_error_monitor.pipeline.motion_limits import MotionLimits
 from rotary_error_monitor.pipeline.verdict import DOUBTS, names_of
 
@@ -138,7 +138,7 @@ class InputChecks:
         kept = slice(int(np.searchsorted(times, ticks[-1] - MEMORY_NS)), None)
         self._times, self._commands = times[kept], commands[kept]
 
-    def _judged(self, axes: AxisPositions, doubts: NDArray[np.int64]) -> Judged:
+    def _judged(self, axes: AxisPositions, doubts: NDArray[np.int64]) -> JudgedTicks:
         """What ticks can be used for, with the commands in memory."""
         command, behind = self._commands_at(axes.stamps)
         kernel = chosen_kernel()
@@ -156,7 +156,7 @@ class InputChecks:
         verified = doubts >> DOUBTS.index("unverified") & 1 == 0
         proven = np.logical_or.accumulate(verified | self._verified)  # now or at any time before
         usable = fresh & ~axes.doubted & agree & fits & proven
-        return Judged(difference, usable, fits_command, fresh, agree, fits, np.asarray(proven))
+        return JudgedTicks(difference, usable, fits_command, fresh, agree, fits, np.asarray(proven))
 
     def _commands_at(self, stamps: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(m,) commands at stamps of joint states, rad, and as much before as these may be wrong by."""

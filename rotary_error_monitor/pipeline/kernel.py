@@ -82,7 +82,7 @@ class CommandParts(NamedTuple):
     bends: Array
 
 
-class Stated(ctypes.Structure):
+class StatedStructure(ctypes.Structure):
     """`stated` of compiled/publication.h."""
 
     _fields_ = (
@@ -139,7 +139,7 @@ class Tolerated(ctypes.Structure):
     )
 
 
-class Judged(NamedTuple):
+class JudgedTicks(NamedTuple):
     """What m ticks can be used for, and why not, each (m,), as `InputChecks.judge` has it.
 
     Attributes:
@@ -160,7 +160,7 @@ class Judged(NamedTuple):
 _ROOM = Path(__file__).parent
 
 
-class Kernel:
+class PipelineKernel:
     """The library, called with the package's own arrays."""
 
     def __init__(self, library: ctypes.CDLL) -> None:
@@ -208,7 +208,7 @@ class Kernel:
 
     def publish(
         self,
-        stated: Stated,
+        stated: StatedStructure,
         motion: ErrorMotion,
         inputs: Sequence[Array | NDArray[np.int64] | None],
         believed: tuple[Array, NDArray[np.int64]],
@@ -279,7 +279,7 @@ class Kernel:
         doubts: NDArray[np.int64],
         *,
         verified: bool,
-    ) -> Judged:
+    ) -> JudgedTicks:
         """What ticks (m,) can be used for.
 
         Args:
@@ -300,7 +300,7 @@ class Kernel:
         to = (c_int64 * 10)(*given, address(difference), *(begin + i * m for i in range(6)))  # `checked`
         width = axes[0].shape[1]
         self._judge(ctypes.addressof(of), ctypes.addressof(at), width, m, verified, ctypes.addressof(to))
-        return Judged(difference, *flags)
+        return JudgedTicks(difference, *flags)
 
     def components(self, weights: Array, components: Array, observable: NDArray[np.bool_]) -> Array:
         """(m, 6) components carried by weights (6, 6); NaN where they depend on what is not observable, (m, 6)."""
@@ -312,9 +312,9 @@ class Kernel:
 
 
 @cache
-def chosen_kernel() -> Kernel | None:
+def chosen_kernel() -> PipelineKernel | None:
     """The compiled kernel, see `kernel_of`; None where numpy computes."""
-    return kernel_of(_ROOM, Kernel)
+    return kernel_of(_ROOM, PipelineKernel)
 
 
 def describe_kernel() -> str:

@@ -20,7 +20,7 @@ from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.metrology.periodic_curves import curve_in_radial
 from rotary_error_monitor.metrology.responses import distortion_variance
 from rotary_error_monitor.pipeline.evidence import EVERYWHERE, INDEX, SIGMAS, TILT, WINDOW_NS
-from rotary_error_monitor.pipeline.kernel import Stated, chosen_kernel
+from rotary_error_monitor.pipeline.kernel import StatedStructure, chosen_kernel
 from rotary_error_monitor.pipeline.ring_belief import ABSENT
 from rotary_error_monitor.pipeline.verdict import DOUBTS, InputVerdict
 
@@ -128,9 +128,9 @@ class Publication:
         self._unproven = {"radial": stage.limits.radial**2 / 3.0, "tilt": stage.limits.tilt**2 / 3.0}
         self._stated = self._packed()
 
-    def _packed(self) -> Stated:
+    def _packed(self) -> StatedStructure:
         """All of it as the library takes it."""
-        return Stated(
+        return StatedStructure(
             most=self._most,
             sigmas=SIGMAS,
             unseen=self._unseen,

@@ -13,7 +13,7 @@ from rotary_error_monitor.description.topics import samples_columns
 from rotary_error_monitor.metrology.error_motion import remove_mirror
 from rotary_error_monitor.metrology.harmonics import planar_sum
 from rotary_error_monitor.metrology.tilt import check_saturation
-from rotary_error_monitor.sensors.autocollimator import Autocollimator
+from rotary_error_monitor.sensors.autocollimator import TwoAxisAutocollimator
 from rotary_error_monitor.sensors.library import listed_kind
 from rotary_error_monitor.sensors.read_head import ReadHead
 from rotary_error_monitor.signals.admission import LARGEST_ANGLE, SampleLimits
@@ -34,7 +34,7 @@ def stream_limits(stage: StageDescription) -> dict[str, tuple[tuple[str, ...], S
         largest = stage.response(AUTOCOLLIMATOR).largest(2.0 * instrument.range)
         noise = math.hypot(instrument.noise, instrument.resolution)
         tilts = SampleLimits(largest, noise=noise, path=described_tilts(stage))
-        found[AUTOCOLLIMATOR] = Autocollimator.fields, tilts
+        found[AUTOCOLLIMATOR] = TwoAxisAutocollimator.fields, tilts
     # where the command is the rotation, its speed is held against its angle, which stands first
     commanded = samples_columns(COMMAND)
     found[COMMAND] = commanded[:1] if encoder else commanded, angles
@@ -58,7 +58,9 @@ def described_tilt(stage: StageDescription, theta: NDArray[np.float64]) -> NDArr
 def is_saturated(stage: StageDescription, name: str, block: SampleBlock) -> NDArray[np.bool_]:
     """(n,) which samples of stream `name` stand at the end of the instrument's range, where they say nothing."""
     if name == AUTOCOLLIMATOR:
-        return check_saturation(block.columns(Autocollimator.fields), stage.tilt_instrument, stage.response(name))
+        return check_saturation(
+            block.columns(TwoAxisAutocollimator.fields), stage.tilt_instrument, stage.response(name)
+        )
     if name in stage.sensors:
         sensor = stage.sensors[name]
         readings = np.abs(block.columns(listed_kind(sensor).fields))

@@ -28,7 +28,7 @@ class Warmth:
     deviation: float
 
 
-class Thermometer:
+class MachineThermometer:
     """The machine's temperature, from a sensor that may be absent, silent or wrong.
 
     The first one may be what a driver says that is not connected yet: it is as uncertain as its range until others have

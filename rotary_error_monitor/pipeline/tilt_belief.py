@@ -10,7 +10,7 @@ from operator import sub
 
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.two_axis_section import Autocollimator
-from rotary_error_monitor.metrology.description_check import DARK, MIRRORED, Claim, FigureCheck, Finding, departure
+from rotary_error_monitor.metrology.description_check import DARK, MIRRORED, Claim, FigureCheck, Mistake, departure
 from rotary_error_monitor.metrology.repeated_readings import run_by_chance
 from rotary_error_monitor.pipeline.evidence import LONG, SHORT, SIGMAS, Reach, Window, Windows
 from rotary_error_monitor.pipeline.head_belief import AGREEMENT
@@ -87,7 +87,7 @@ class TiltBelief:
         self._repeated: tuple[float, float] | None = None
         self._calm: Look | None = None
         self._gone = self._most_gone = 0.0
-        self._finding: Finding | None = None
+        self._finding: Mistake | None = None
         self._usual, self._sound = UsualLevel(), self.figure.copy()
 
     def retract(self, *, doubt: bool) -> None:

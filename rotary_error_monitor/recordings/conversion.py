@@ -35,7 +35,7 @@ BLOCK_PERIOD = 0.005
 
 
 @dataclass
-class Stream:
+class DriverStream:
     """What becomes of the messages of one driver.
 
     Attributes:
@@ -80,7 +80,9 @@ class Stream:
             yield encode(block, self.topic.frame)
 
 
-def convert(bag: Path, cell_file: Path, stage_file: Path | None, output: Path, stamps: str, cell: str) -> list[Stream]:
+def convert(
+    bag: Path, cell_file: Path, stage_file: Path | None, output: Path, stamps: str, cell: str
+) -> list[DriverStream]:
     """Write what the drivers in a bag said as sample blocks of the wire contract, with what else of it the bag has.
 
     Args:
@@ -129,7 +131,12 @@ def _of_contract(files: BagFiles, cell: str) -> Iterator[tuple[str, str]]:
 
 
 def _write(
-    files: BagFiles, streams: Mapping[str, Stream], taken: Mapping[str, str], wire: Wire, output: Path, stamps: str
+    files: BagFiles,
+    streams: Mapping[str, DriverStream],
+    taken: Mapping[str, str],
+    wire: Wire,
+    output: Path,
+    stamps: str,
 ) -> None:
     qos = {topic.name: topic.qos for topic in wire}
     topics = [BagTopic(each.topic.name, each.topic.type, each.topic.qos) for each in streams.values()]
@@ -153,7 +160,7 @@ def _write(
         writer.notes["converted from"] = f"messages of drivers, with stamps of their {stamps}"
 
 
-def _message(stream: Stream, raw: RawMessage, store: Any) -> Any:  # noqa: ANN401 (messages of any type)
+def _message(stream: DriverStream, raw: RawMessage, store: Any) -> Any:  # noqa: ANN401 (messages of any type)
     """The message; None, and counted, where its bytes are none."""
     try:
         return store.deserialize_cdr(raw.data, raw.type)
@@ -171,7 +178,7 @@ def _time_ns(message: Any, raw: RawMessage, stamps: str) -> int:  # noqa: ANN401
 
 def _stream(
     node: CellNode, given: Mapping[str, object], stage: tuple[Path | None, StageDescription], cell: str, file: Path
-) -> Stream | None:
+) -> DriverStream | None:
     """What a node would make of a driver's messages; None of one that hears no driver."""
     devices = load_devices(node.executable)
     device = devices.get(str(given.get("source", "")))
@@ -184,7 +191,7 @@ def _stream(
     assert isinstance(source, Heard)
     period = float(str(given.get("block_period", BLOCK_PERIOD)))
     heard = source.topic if source.topic.startswith("/") else f"{cell.rstrip('/')}/{source.topic}"
-    return Stream(heard, source, topic, round(period * NANOSECONDS))
+    return DriverStream(heard, source, topic, round(period * NANOSECONDS))
 
 
 def _settings(devices: dict[str, Device], given: Mapping[str, object], where: str) -> Any:  # noqa: ANN401 (a lookup)

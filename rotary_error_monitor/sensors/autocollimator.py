@@ -12,7 +12,7 @@ from rotary_error_monitor.metrology.periodic_curves import planar_values
 from rotary_error_monitor.sensors.sensor import Pose, Sensor
 
 
-class Autocollimator(Sensor):
+class TwoAxisAutocollimator(Sensor):
     """Tilt of the mirror about x and y."""
 
     kind = AUTOCOLLIMATOR

@@ -19,7 +19,7 @@ from rotary_error_monitor.libraries import address
 from rotary_error_monitor.signals.arrival import FUTURE
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.signals.described_path import DescribedPath
-from rotary_error_monitor.signals.kernel import Kernel, Limits
+from rotary_error_monitor.signals.kernel import Limits, SignalKernel
 from rotary_error_monitor.units import TURN
 
 NOT_FINITE = "not finite"
@@ -138,7 +138,7 @@ class Admission:
         return (times, values) if self.limits.noise is None else self._without_spikes(times, values)
 
     def copies(
-        self, kernel: Kernel, block: SampleBlock, until_ns: int | None, into: tuple[int, int], width: int
+        self, kernel: SignalKernel, block: SampleBlock, until_ns: int | None, into: tuple[int, int], width: int
     ) -> bool:
         """Whether all samples of a block are beyond doubt, and were copied; else nothing has happened.
 

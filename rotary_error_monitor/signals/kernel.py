@@ -45,7 +45,7 @@ class Grid(ctypes.Structure):
 _ROOM = Path(__file__).parent
 
 
-class Kernel:
+class SignalKernel:
     """The library, called with the package's own arrays."""
 
     def __init__(self, library: ctypes.CDLL) -> None:
@@ -132,6 +132,6 @@ class Kernel:
 
 
 @cache
-def chosen_kernel() -> Kernel | None:
+def chosen_kernel() -> SignalKernel | None:
     """The compiled kernel, see `kernel_of`; None where numpy computes."""
-    return kernel_of(_ROOM, Kernel)
+    return kernel_of(_ROOM, SignalKernel)

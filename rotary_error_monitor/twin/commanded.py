@@ -13,7 +13,7 @@ _AT_ONCE = 2**14
 
 
 @dataclass(frozen=True)
-class CommandedRotation:
+class CommandCurve:
     """A command whose angle between two samples is the cubic that has the angle and the speed of both.
 
     As scipy's `CubicHermiteSpline`, which keeps the coefficients of all cubics: of a long recording three times as much

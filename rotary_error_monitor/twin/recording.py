@@ -32,7 +32,7 @@ FEWEST_SAMPLES = 200
 
 
 @dataclass(frozen=True)
-class Stream:
+class SignalStream:
     """Samples of one signal: `time` (n,) s since the recording's start, increasing, and `values` (n, k)."""
 
     time: Array
@@ -56,7 +56,7 @@ class StageRecording:
     """
 
     start_ns: int
-    streams: Mapping[str, Stream]
+    streams: Mapping[str, SignalStream]
     remarks: tuple[str, ...] = ()
 
     @property
@@ -218,12 +218,12 @@ def thinned(recording: StageRecording, most_rate: float) -> StageRecording:
         for name in names:
             slot = np.floor(streams[name].time / (step * period))
             first = np.flatnonzero(np.diff(slot, prepend=-np.inf) > 0)
-            streams[name] = Stream(streams[name].time[first], streams[name].values[first])
+            streams[name] = SignalStream(streams[name].time[first], streams[name].values[first])
     remarks = [f"one sample in {step} is used of {', '.join(names)}" for step, names in steps.items()]
     return StageRecording(recording.start_ns, streams, (*recording.remarks, *remarks))
 
 
-def _stream(name: str, blocks: Sequence[SampleBlock], start_ns: int, remarks: list[str]) -> Stream:
+def _stream(name: str, blocks: Sequence[SampleBlock], start_ns: int, remarks: list[str]) -> SignalStream:
     fields = fields_of(name)
     for block in blocks:
         block.check_fields(name, fields)
@@ -244,10 +244,10 @@ def _stream(name: str, blocks: Sequence[SampleBlock], start_ns: int, remarks: li
     fewest = FEWEST_SAMPLES if kind_of(name) in (*sensor_kinds(), COMMAND) else 2
     if np.count_nonzero(kept) < fewest:
         raise InputError(f"{samples_topic(name)}: only {np.count_nonzero(kept)} samples; {fewest} are needed")
-    return Stream(time[kept], values[kept])
+    return SignalStream(time[kept], values[kept])
 
 
-def _check_sensors(streams: Mapping[str, Stream], described: Sequence[str]) -> None:
+def _check_sensors(streams: Mapping[str, SignalStream], described: Sequence[str]) -> None:
     """Refuse a recording of a stage without heads in which nothing measures."""
     if not any(name in streams for name in described):
         raise InputError(
@@ -255,7 +255,7 @@ def _check_sensors(streams: Mapping[str, Stream], described: Sequence[str]) -> N
         )
 
 
-def _check_overlap(streams: Mapping[str, Stream]) -> None:
+def _check_overlap(streams: Mapping[str, SignalStream]) -> None:
     command = streams[COMMAND]
     for name, stream in streams.items():
         shared = min(stream.time[-1], command.time[-1]) - max(stream.time[0], command.time[0])

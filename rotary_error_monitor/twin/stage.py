@@ -27,9 +27,9 @@ from rotary_error_monitor.metrology.harmonics import angular_sum
 from rotary_error_monitor.metrology.reading_noise import noise_of
 from rotary_error_monitor.metrology.thermometer_course import ThermometerCourse
 from rotary_error_monitor.sensors.library import sensor_of
-from rotary_error_monitor.twin.commanded import CommandedRotation
+from rotary_error_monitor.twin.commanded import CommandCurve
 from rotary_error_monitor.twin.finite import check_finite
-from rotary_error_monitor.twin.recording import StageRecording, Stream, measured
+from rotary_error_monitor.twin.recording import SignalStream, StageRecording, measured
 
 Signals = dict[str, Array]
 """Arrays (n, k) by stream."""
@@ -68,7 +68,7 @@ def stage_inputs(
     cell shows nothing but its noise: a compliance must not be fitted to that.
     """
     command = recording.streams["command"]
-    rotation = CommandedRotation(command.time, command.values[:, 0], command.values[:, 1])
+    rotation = CommandCurve(command.time, command.values[:, 0], command.values[:, 1])
     force, temperature = recording.streams.get("force"), recording.streams.get("temperature")
     force_of = _no_force if force is None else _force(force)
 
@@ -93,7 +93,7 @@ def _no_force(time: Array) -> Array:
     return np.zeros((len(time), 2))
 
 
-def _force(read: Stream) -> Callable[[Array], Array]:
+def _force(read: SignalStream) -> Callable[[Array], Array]:
     """(m, 2) force at any times (m,): a spline through the samples, and nothing between two that show none."""
     values = _above_noise(read.values)
     spline, acting = CubicSpline(read.time, values, axis=0), np.any(values, axis=1)
@@ -106,21 +106,21 @@ def _force(read: Stream) -> Callable[[Array], Array]:
     return force
 
 
-def _course(stream: Stream) -> Callable[[Array], Array]:
+def _course(stream: SignalStream) -> Callable[[Array], Array]:
     """(m, k) values of a stream at any times (m,): straight between samples, the first and last beyond them."""
     columns = stream.values.T
     return lambda time: np.column_stack([np.interp(time, stream.time, column) for column in columns])
 
 
-def _warming(temperature: Stream, reference: float) -> Callable[[Array], Array]:
+def _warming(temperature: SignalStream, reference: float) -> Callable[[Array], Array]:
     """Smoothed temperature above the reference, K, as a function of time; it stays at its first and last value."""
     course = ThermometerCourse.of(temperature.time, temperature.values[:, 0])
     return lambda time: course.at(time) - reference
 
 
-def _measured(stream: Stream, name: str, sensor: ListedSensor) -> Stream:
+def _measured(stream: SignalStream, name: str, sensor: ListedSensor) -> SignalStream:
     """What a listed input measures by its readings."""
-    return Stream(stream.time, measured(name, sensor, stream.values))
+    return SignalStream(stream.time, measured(name, sensor, stream.values))
 
 
 def _above_noise(force: Array) -> Array:
@@ -130,7 +130,7 @@ def _above_noise(force: Array) -> Array:
     return np.where(maximum_filter1d(acting.astype(np.uint8), 2 * NEIGHBOURS + 1)[:, None] > 0, force, 0.0)
 
 
-def _within(time: Array, stream: Stream) -> Array:
+def _within(time: Array, stream: SignalStream) -> Array:
     """Times held inside the stream: a slow input stays at its first and last value."""
     return np.clip(time, stream.time[0], stream.time[-1])
 

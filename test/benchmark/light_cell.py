@@ -30,11 +30,11 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from rotary_error_monitor.description.wire import load_wire
-from rotary_error_monitor.nodes.autocollimator import Autocollimator
+from rotary_error_monitor.nodes.autocollimator import AutocollimatorNode
 from rotary_error_monitor.nodes.compensation import Compensation
 from rotary_error_monitor.nodes.encoder_head import EncoderHead
 from rotary_error_monitor.nodes.error_estimator import ErrorEstimator
-from rotary_error_monitor.nodes.lvdt import Lvdt
+from rotary_error_monitor.nodes.lvdt import LvdtNode
 from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.messages import message_class
 from rotary_error_monitor.nodes.mock_controller import MockController
@@ -45,8 +45,8 @@ from rotary_error_monitor.nodes.transport import steady_transport
 MACHINE = "xyzac_trt"
 NODES: dict[str, tuple[Callable[..., ManagedNode], dict[str, object]]] = {
     **{f"encoder_head_{letter}": (EncoderHead, {"source": "mock"}) for letter in "abcd"},
-    "autocollimator": (Autocollimator, {"source": "mock"}),
-    "lvdt": (Lvdt, {"source": "mock"}),
+    "autocollimator": (AutocollimatorNode, {"source": "mock"}),
+    "lvdt": (LvdtNode, {"source": "mock"}),
     "mock_controller": (MockController, {"machine": MACHINE}),
     "error_estimator": (ErrorEstimator, {}),
     "compensation": (Compensation, {"machine": MACHINE}),

@@ -10,7 +10,7 @@ from calibration.simulated_collimator import ARCSEC, Detector, Run, cross, take
 from draws import ALL, seeds
 
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.metrology.two_axis_calibration import Instrument, calibrate_two_axes
+from rotary_error_monitor.metrology.two_axis_calibration import InstrumentPrior, calibrate_two_axes
 from rotary_error_monitor.metrology.two_axis_fit import DRIFT, NAMES, Reference, fit_steps, numbers_of
 from rotary_error_monitor.metrology.two_axis_steps import StepReadings
 
@@ -27,7 +27,7 @@ def steps_of(run, taken, timed=True):
 
 def calibrated(detector, run, rng, *, timed=True, reference=REFERENCE, noise=None, resolution=0.0):
     steps = steps_of(run, take(detector, run, rng), timed)
-    return calibrate_two_axes(steps, Instrument(run.noise if noise is None else noise, resolution), reference)
+    return calibrate_two_axes(steps, InstrumentPrior(run.noise if noise is None else noise, resolution), reference)
 
 
 def off(found, detector):

@@ -16,7 +16,7 @@ from rotary_error_monitor.cases.departures.poses import lagging
 from rotary_error_monitor.cases.draws import draw_fault, draw_stage, machine_faults, stage_faults
 from rotary_error_monitor.cases.faults import make_fault
 from rotary_error_monitor.cases.making import MachineCase, StageCase, make_machine_case, make_stage_case
-from rotary_error_monitor.cases.response import MachineResponse, Response, StageResponse
+from rotary_error_monitor.cases.response import FaultResponse, MachineResponse, StageResponse
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.plant.environment import Temperature, intermittent_forces, lagged_warming
 from rotary_error_monitor.plant.machine import MachinePlant, Poses
@@ -30,13 +30,13 @@ WITHOUT_SMALL_LIMIT = (CompliantFlanks,)
 
 
 @cache
-def stage_response() -> Response:
+def stage_response() -> FaultResponse:
     draw = np.random.default_rng(3)
     return StageResponse(StagePlant(draw_stage(draw), 1, forces=intermittent_forces(1)), 40.0, every=67)
 
 
 @cache
-def machine_response() -> Response:
+def machine_response() -> FaultResponse:
     draw, machine = np.random.default_rng(3), load_machine("pan2013")
     low, high = (0.9 * np.array(limits) for limits in zip(*(axis.travel for axis in machine.axes), strict=True))
     warming = -3.0 * np.expm1(-np.arange(60) / 15)
@@ -44,7 +44,7 @@ def machine_response() -> Response:
     return MachineResponse(MachinePlant(machine), poses)
 
 
-def varied(effect: str, kind: type[Departure]) -> tuple[Varied, Response]:
+def varied(effect: str, kind: type[Departure]) -> tuple[Varied, FaultResponse]:
     draw = np.random.default_rng(7)
     response = stage_response() if effect in stage_faults() else machine_response()
     fault = sized(draw_fault(effect, draw), draw, (300.0, 300.0), response)

@@ -14,7 +14,7 @@ from world.recording import AUTOCOLLIMATOR, COMMAND, Recording, head_topic
 
 from rotary_error_monitor.commissioning.commission import Commissioning, commission
 from rotary_error_monitor.commissioning.found import Stated, Value
-from rotary_error_monitor.commissioning.streams import Recorded, join_blocks
+from rotary_error_monitor.commissioning.streams import CommissioningRecording, join_blocks
 
 LOUD = "is noisier than described"
 LAGS = "the rotation follows its command"
@@ -57,7 +57,7 @@ def judge(
         topic.split("/")[2]: join_blocks(blocks, blocks[0].names[1:]) for topic, blocks in recording.blocks.items()
     }
     stated = Stated(frozenset({"command"} if "sign" in built.nominal.get("command", {}) else ()))
-    result = commission(stage, stated, Recorded(streams))
+    result = commission(stage, stated, CommissioningRecording(streams))
     named = [finding.text for finding in result.findings]
     heads = built.true["encoder"]["heads"]
     letters = list(heads)

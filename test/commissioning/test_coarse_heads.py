@@ -13,7 +13,7 @@ from world.noise import quantise
 from rotary_error_monitor.commissioning.commission import commission
 from rotary_error_monitor.commissioning.findings import is_louder, noise_and_step
 from rotary_error_monitor.commissioning.found import Stated
-from rotary_error_monitor.commissioning.streams import Recorded, Stream, describe_stream
+from rotary_error_monitor.commissioning.streams import CommissioningRecording, RawStream, describe_stream
 from rotary_error_monitor.description.stage import StageDescription
 
 RAMP = 1.0
@@ -39,7 +39,7 @@ def travelled(times: np.ndarray, speed: float, each_way: float) -> np.ndarray:
 
 def readings(
     rng: np.random.Generator, stage: StageDescription, rate: float, advance: float, each_way: float, louder: float
-) -> dict[str, Stream]:
+) -> dict[str, RawStream]:
     """Streams of all heads at so many counts a sample, with `louder` counts of noise beside what is described."""
     count = stage.ring.resolution
     eccentricity, scatter = rng.choice([0.0, 0.3, 5.0]) * count, rng.choice([0.0, 1e-6, 1e-5])
@@ -51,7 +51,7 @@ def readings(
         shown = theta + rng.uniform(-3.0, 3.0) + eccentricity * np.sin(theta - azimuth)
         shown += math.hypot(stage.ring.noise, louder * count) * rng.standard_normal(len(times))
         stamps = np.rint((times + scatter * rng.standard_normal(len(times))) * 1e9).astype(np.int64)
-        streams[f"head_{letter}"] = Stream(stamps, quantise(shown, count, rounding)[:, None])
+        streams[f"head_{letter}"] = RawStream(stamps, quantise(shown, count, rounding)[:, None])
     return streams
 
 
@@ -102,6 +102,6 @@ def test_commissioning_tells_them_apart(seed: int, louder: float) -> None:
     rate, advance = float(rng.uniform(250.0, 400.0)), int(rng.integers(2, 5)) + 1 / 3
     stage = stage_with(1.0 / rate / advance, 0.0)
     streams = readings(rng, stage, rate, advance, 7.0, louder)
-    found = commission(stage, Stated(frozenset({"head_a"})), Recorded(streams))
+    found = commission(stage, Stated(frozenset({"head_a"})), CommissioningRecording(streams))
     said = [each.text for each in found.findings if "is noisier than described" in each.text]
     assert len(said) == (len(streams) if louder else 0), said

@@ -9,7 +9,7 @@ import pytest
 
 from rotary_error_monitor.gap.orders import order_spectrum
 from rotary_error_monitor.gap.posterior import PRIOR_OF_UNKNOWN
-from rotary_error_monitor.gap.problem import Finding
+from rotary_error_monitor.gap.problem import StructureTest
 from rotary_error_monitor.gap.structure import Track, find_shared, find_structure
 from rotary_error_monitor.gap.verdict import Verdict, probability_of_unknown
 from rotary_error_monitor.kinds.stage.search import find_step, find_wave
@@ -135,7 +135,7 @@ def test_a_wave_needs_turns():
 
 def test_the_chance_of_something_unknown_grows_with_the_finding():
     def finding(log_p_value):
-        return Finding("x", "line", log_p_value, 1.0, "order 3")
+        return StructureTest("x", "line", log_p_value, 1.0, "order 3")
 
     assert probability_of_unknown([]) == PRIOR_OF_UNKNOWN
     assert probability_of_unknown([finding(-0.5)]) == PRIOR_OF_UNKNOWN

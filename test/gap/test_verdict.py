@@ -26,7 +26,7 @@ from rotary_error_monitor.gap.judgement import judge
 from rotary_error_monitor.gap.normal import Normal
 from rotary_error_monitor.gap.p_values import log_chi_square_tail
 from rotary_error_monitor.gap.posterior import departures_of
-from rotary_error_monitor.gap.problem import Finding
+from rotary_error_monitor.gap.problem import StructureTest
 from rotary_error_monitor.gap.proportion import log_odds_in_proportion
 from rotary_error_monitor.gap.selection import select_causes
 from rotary_error_monitor.gap.verdict import Verdict
@@ -62,8 +62,11 @@ class DepartingProblem(LinearProblem):
     def structure(self, rest):
         squares = {channel: float(np.sum(rows**2)) for channel, rows in rest.items()}
         if self.blind:
-            return [Finding(channel, "none", 0.0, 0.0, "") for channel in rest]
-        return [Finding(c, "power", log_chi_square_tail(s, COUNT), max(s - COUNT, 0.0), "") for c, s in squares.items()]
+            return [StructureTest(channel, "none", 0.0, 0.0, "") for channel in rest]
+        return [
+            StructureTest(c, "power", log_chi_square_tail(s, COUNT), max(s - COUNT, 0.0), "")
+            for c, s in squares.items()
+        ]
 
 
 @pytest.fixture

@@ -2,7 +2,7 @@
 
 import pytest
 
-from rotary_error_monitor.linuxcnc_controller.gate import CorrectionMessage, Doubt, GateLimits, RefusalError
+from rotary_error_monitor.linuxcnc_controller.gate import CorrectionMessage, GateLimits, RefusalError, RefusalReason
 from rotary_error_monitor.linuxcnc_controller.intake import NOTHING_COMES, NOTHING_YET, PRESENT, CorrectionIntake
 
 MS = 10**6
@@ -64,10 +64,10 @@ def test_without_corrections_the_last_one_is_held_after_their_largest_age():
 def test_a_refused_message_among_good_ones_holds_nothing_and_is_said_for_a_while():
     desk = Desk()
     desk.send()
-    assert desk.send("X") is Doubt.AXES
+    assert desk.send("X") is RefusalReason.AXES
     assert desk.send() is None
     assert desk.hold is None
-    assert desk.intake.refused == {Doubt.AXES: 1}
+    assert desk.intake.refused == {RefusalReason.AXES: 1}
     remark = desk.intake.remark(desk.time_ns)
     assert remark.startswith("1 refused so far, the last one: corrections of the axes X;")
     for _ in range(round(PRESENT * 100)):
@@ -80,10 +80,10 @@ def test_refused_messages_hold_with_their_reason_until_a_good_one_comes():
     assert desk.intake.remark(0) == ""
     desk.send()
     for _ in range(20):
-        assert desk.send("XX") is Doubt.AXES
-    assert desk.hold.doubt is Doubt.AXES
+        assert desk.send("XX") is RefusalReason.AXES
+    assert desk.hold.doubt is RefusalReason.AXES
     assert str(desk.hold).startswith("held for 0.2 s: corrections of the axes X X")
-    assert desk.intake.refused[Doubt.AXES] == 20
+    assert desk.intake.refused[RefusalReason.AXES] == 20
     assert desk.send() is None
     assert desk.hold is None
 
@@ -91,7 +91,7 @@ def test_refused_messages_hold_with_their_reason_until_a_good_one_comes():
 def test_a_refusal_of_long_ago_is_no_reason():
     desk = Desk()
     desk.send("")
-    assert desk.hold.doubt is Doubt.AXES
+    assert desk.hold.doubt is RefusalReason.AXES
     assert str(desk.wait(2000)) == f"held: {NOTHING_YET}"
 
 
@@ -101,11 +101,11 @@ def test_a_second_publisher_holds_at_its_first_word_and_is_said_by_name(second):
     for _ in range(10):
         desk.send()
     desk.intake.sources.enlist(("/compensation", "/double"), desk.time_ns)
-    assert desk.hold.doubt is Doubt.PUBLISHERS
+    assert desk.hold.doubt is RefusalReason.PUBLISHERS
     assert str(desk.hold) == "held for 0.0 s: 2 publishers of corrections are there: /compensation, /double"
     for index in range(100):
-        assert desk.send() is Doubt.PUBLISHERS
-        assert desk.send(number=second + index) is Doubt.PUBLISHERS
+        assert desk.send() is RefusalReason.PUBLISHERS
+        assert desk.send(number=second + index) is RefusalReason.PUBLISHERS
     assert str(desk.hold) == "held for 2.0 s: 2 publishers send corrections at once: /compensation, /double"
     desk.intake.sources.enlist(("/compensation",), desk.time_ns)
     refused = 0

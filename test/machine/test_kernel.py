@@ -25,7 +25,7 @@ from rotary_error_monitor.libraries import VARIABLE, source_digest
 from rotary_error_monitor.machine import kernel
 from rotary_error_monitor.machine.correction import SolvedCorrections, remaining_offset, solve_axis_corrections
 from rotary_error_monitor.machine.error_model import predict_tool_offset
-from rotary_error_monitor.machine.kernel import Kernel, chosen_kernel, load_kernel
+from rotary_error_monitor.machine.kernel import MachineKernel, chosen_kernel, load_kernel
 from rotary_error_monitor.machine.kinematics import arrange_machine, stand
 
 Array = NDArray[np.float64]
@@ -162,7 +162,7 @@ def test_the_bits_are_the_same_on_other_processors(tmp_path: Path) -> None:
         pytest.skip("no gcc, or a processor without fused multiply-add")
     described = extension()
     library = Path(kernel.__file__).with_name(f"_kernel{sysconfig.get_config_var('EXT_SUFFIX')}")
-    kernels = [Kernel(ctypes.CDLL(str(library)))]
+    kernels = [MachineKernel(ctypes.CDLL(str(library)))]
     for number, target in enumerate((["-msse2"], ["-mavx2", "-mfma"])):
         library = tmp_path / f"{number}.so"
         # less optimized, which takes half the time and changes no bit
@@ -177,12 +177,12 @@ def test_the_bits_are_the_same_on_other_processors(tmp_path: Path) -> None:
         ]
         command = [compiler, *options, *described.sources, "-o", str(library), "-lm"]
         subprocess.run(command, check=True, cwd=ROOT)
-        kernels.append(Kernel(ctypes.CDLL(str(library))))
+        kernels.append(MachineKernel(ctypes.CDLL(str(library))))
     for case in range(8):
         machine, rng = shipped_or_drawn(case)
         model = arrange_machine(machine)
         q, known = drawn_poses(rng, machine, 50)
-        rows = kernel.Rows(q, *(known.get(name) for name in ("direction", "temperature", "monitored")))
+        rows = kernel.PoseRows(q, *(known.get(name) for name in ("direction", "temperature", "monitored")))
         first, *others = [each.corrections(model, rows, 0.1, 12, 1e-8) for each in kernels]
         for other in others:
             np.testing.assert_array_equal(np.hstack(other), np.hstack(first))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rotary_error_monitor.metrology.description_check import DARK, MIRRORED, Claim, FigureCheck, Reading
+from rotary_error_monitor.metrology.description_check import DARK, MIRRORED, Claim, FigureCheck, MistakenReading
 
 NOISE = 5e-7
 TILT = 1e-4
@@ -130,7 +130,7 @@ def test_what_was_seen_long_ago_makes_room():
     assert check.judge() is None
 
 
-SMALL = {"left out": Reading(), "half": Reading(turned=0.5), **MIRRORED}
+SMALL = {"left out": MistakenReading(), "half": MistakenReading(turned=0.5), **MIRRORED}
 
 
 def small_mistake(seed, mistake, own):

@@ -21,7 +21,7 @@ from nodes.mock_cells import mock_parameters
 from ports import free_port
 
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.nodes.autocollimator import Autocollimator
+from rotary_error_monitor.nodes.autocollimator import AutocollimatorNode
 from rotary_error_monitor.nodes.compensation import Compensation
 from rotary_error_monitor.nodes.dashboard import Dashboard, _answer
 from rotary_error_monitor.nodes.encoder_head import EncoderHead
@@ -63,7 +63,7 @@ class Place:
         cell.start("encoder_head", "encoder_head_d", **MOCK)
         for letter in "abc":
             cell.run(EncoderHead, f"encoder_head_{letter}", **MOCK)
-        cell.run(Autocollimator, "autocollimator", **MOCK)
+        cell.run(AutocollimatorNode, "autocollimator", **MOCK)
         cell.run(MockController, "mock_controller", machine=MACHINE, rate=1000.0)
         self.estimator = cell.run(ErrorEstimator, "error_estimator")
         # limits below what any machine needs: the first correction latches

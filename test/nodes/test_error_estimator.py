@@ -19,7 +19,7 @@ from std_srvs.srv import Trigger
 
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.nodes import messages
-from rotary_error_monitor.nodes.autocollimator import Autocollimator
+from rotary_error_monitor.nodes.autocollimator import AutocollimatorNode
 from rotary_error_monitor.nodes.diagnostics import status_name
 from rotary_error_monitor.nodes.encoder_head import EncoderHead
 from rotary_error_monitor.nodes.error_estimator import ErrorEstimator
@@ -45,7 +45,7 @@ def estimates(cell):
 @pytest.fixture
 def sensors(cell):
     nodes = {f"head_{head}": cell.run(EncoderHead, f"encoder_head_{head}", source="mock") for head in "abcd"}
-    nodes["autocollimator"] = cell.run(Autocollimator, "autocollimator", source="mock")
+    nodes["autocollimator"] = cell.run(AutocollimatorNode, "autocollimator", source="mock")
     nodes["command"] = cell.run(MockController, "mock_controller")
     return nodes
 
@@ -168,7 +168,7 @@ def test_slow_streams_beside_fast_heads_are_named(cell, estimates):
     """A head, the autocollimator and the command: their part of the estimate is missing, and why is said."""
     for head in "abcd":
         cell.run(EncoderHead, f"encoder_head_{head}", rate=30.0 if head == "b" else 1000.0, source="mock")
-    cell.run(Autocollimator, "autocollimator", rate=25.0, source="mock")
+    cell.run(AutocollimatorNode, "autocollimator", rate=25.0, source="mock")
     cell.run(MockController, "mock_controller", rate=30.0)
     cell.run(ErrorEstimator, "error_estimator", period=PERIOD, check_turns=0.0)
     cell.wait_until(lambda: len(estimates) > 5, "estimates of the other heads")

@@ -15,7 +15,7 @@ from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.cases.making import make_stage_case
 from rotary_error_monitor.description.stage import stage_mapping
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.nodes.autocollimator import Autocollimator
+from rotary_error_monitor.nodes.autocollimator import AutocollimatorNode
 from rotary_error_monitor.nodes.diagnosis_process import LATEST
 from rotary_error_monitor.nodes.encoder_head import EncoderHead
 from rotary_error_monitor.nodes.gap_monitor import GapMonitor
@@ -113,7 +113,7 @@ def test_a_stage_that_does_what_its_twin_says():
         cell.run(GapMonitor, "gap_monitor", turns=4)
         for head in "abcd":
             cell.run(EncoderHead, f"encoder_head_{head}", source="mock")
-        cell.run(Autocollimator, "autocollimator", source="mock")
+        cell.run(AutocollimatorNode, "autocollimator", source="mock")
         cell.run(MockController, "mock_controller")
         cell.wait_for_status(DIAGNOSIS, "of 4 turns in")
         status = cell.wait_for_status(VERDICT, "No gap", DEADLINE)

@@ -23,9 +23,9 @@ from sensor_msgs.msg import JointState
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes import messages
-from rotary_error_monitor.nodes.autocollimator import Autocollimator
+from rotary_error_monitor.nodes.autocollimator import AutocollimatorNode
 from rotary_error_monitor.nodes.encoder_head import EncoderHead
-from rotary_error_monitor.nodes.lvdt import Lvdt
+from rotary_error_monitor.nodes.lvdt import LvdtNode
 from rotary_error_monitor.nodes.mock_controller import MockController
 from rotary_error_monitor.resources import config
 from rotary_error_monitor.sources.mock_machine import MachineMotion
@@ -33,7 +33,7 @@ from rotary_error_monitor.testing.silence import silence
 
 
 @pytest.mark.parametrize(
-    ("node_class", "name", "people"), [(Autocollimator, "autocollimator", "tilt"), (Lvdt, "lvdt", "radial")]
+    ("node_class", "name", "people"), [(AutocollimatorNode, "autocollimator", "tilt"), (LvdtNode, "lvdt", "radial")]
 )
 def test_mock_instrument(cell, plant, node_class, name, people):
     blocks = cell.collect(cell.wire.topic(f"{name}_samples"))
@@ -47,7 +47,7 @@ def test_mock_instrument(cell, plant, node_class, name, people):
     assert_sample(vectors[0].header.stamp, [vectors[0].vector.x, vectors[0].vector.y], plant, name)
 
 
-@pytest.mark.parametrize(("node_class", "name"), [(Autocollimator, "autocollimator"), (Lvdt, "lvdt")])
+@pytest.mark.parametrize(("node_class", "name"), [(AutocollimatorNode, "autocollimator"), (LvdtNode, "lvdt")])
 def test_vectors_of_a_third_party_driver(cell, node_class, name):
     blocks = cell.collect(cell.wire.topic(f"{name}_samples"))
     driver = cell.node.create_publisher(Vector3Stamped, "/driver", 10)
@@ -79,8 +79,8 @@ DRIVERS = [
         JointState,
         {"source": "joint_state", "joint_state__topic": "/enc"},
     ),
-    (Autocollimator, "autocollimator", "autocollimator_samples", Vector3Stamped, {"vector3__topic": "/enc"}),
-    (Lvdt, "lvdt", "lvdt_samples", Vector3Stamped, {"vector3__topic": "/enc"}),
+    (AutocollimatorNode, "autocollimator", "autocollimator_samples", Vector3Stamped, {"vector3__topic": "/enc"}),
+    (LvdtNode, "lvdt", "lvdt_samples", Vector3Stamped, {"vector3__topic": "/enc"}),
 ]
 
 
@@ -162,14 +162,14 @@ def test_quadrant_voltages(cell, tmp_path):
         (tmp_path / f"in_voltage{channel}_raw").write_text(f"{raw}\n")
     (tmp_path / "in_voltage_scale").write_text("1.0\n")
     blocks = cell.collect(cell.wire.topic("autocollimator_samples"))
-    cell.run(Autocollimator, "autocollimator", source="iio", iio__device=str(tmp_path), poll_rate=100.0)
+    cell.run(AutocollimatorNode, "autocollimator", source="iio", iio__device=str(tmp_path), poll_rate=100.0)
     cell.wait_until(lambda: len(blocks) > 1, "blocks")
     np.testing.assert_allclose(block_of(blocks[1]).rows[0, 1:], [0.0, 2.5e-4], atol=1e-15)
 
 
 def test_the_artefact_at_another_height(cell, plant):
     blocks = cell.collect(cell.wire.topic("lvdt_samples"))
-    cell.run(Lvdt, "lvdt", mock__height=0.06, source="mock")
+    cell.run(LvdtNode, "lvdt", mock__height=0.06, source="mock")
     cell.wait_until(lambda: len(blocks) > 1, "blocks")
     lvdt = plant.description.lvdt
     assert lvdt is not None
@@ -184,7 +184,7 @@ def test_a_stage_without_lvdt(cell, tmp_path):
     path = tmp_path / "stage.yaml"
     path.write_text("\n".join(lines[:start] + lines[end:]), encoding="utf-8")
     with pytest.raises(InputError, match="no section 'lvdt'"):
-        cell.run(Lvdt, "lvdt", stage=str(path), source="mock")
+        cell.run(LvdtNode, "lvdt", stage=str(path), source="mock")
 
 
 def test_the_controller_tells_command_force_temperature_and_axes(cell, plant):

@@ -16,7 +16,7 @@ from checkout import node_names
 from nodes.mock_cells import mock_parameters
 from rosbags.highlevel import AnyReader
 
-from rotary_error_monitor.nodes.autocollimator import Autocollimator
+from rotary_error_monitor.nodes.autocollimator import AutocollimatorNode
 from rotary_error_monitor.nodes.compensation import Compensation
 from rotary_error_monitor.nodes.diagnostics import status_name
 from rotary_error_monitor.nodes.encoder_head import EncoderHead
@@ -78,7 +78,7 @@ def recorded(tmp_path_factory):
         recorder = cell.run(Recorder, "recorder", folder=str(bag))
         for letter in "abcd":
             cell.run(EncoderHead, f"encoder_head_{letter}", source="mock")
-        cell.run(Autocollimator, "autocollimator", source="mock")
+        cell.run(AutocollimatorNode, "autocollimator", source="mock")
         cell.run(MockController, "mock_controller")
         cell.run(ErrorEstimator, "error_estimator", check_turns=0.0)
         cell.run(Compensation, "compensation", age_limit=1.0)  # the tests share few cores

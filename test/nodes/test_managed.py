@@ -14,7 +14,7 @@ from rclpy.parameter import Parameter
 
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes import managed
-from rotary_error_monitor.nodes.autocollimator import Autocollimator
+from rotary_error_monitor.nodes.autocollimator import AutocollimatorNode
 from rotary_error_monitor.nodes.compensation import Compensation
 from rotary_error_monitor.nodes.dashboard import Dashboard
 from rotary_error_monitor.nodes.diagnostics import Condition, Level
@@ -23,7 +23,7 @@ from rotary_error_monitor.nodes.error_estimator import ErrorEstimator
 from rotary_error_monitor.nodes.gap_monitor import GapMonitor
 from rotary_error_monitor.nodes.linuxcnc_bridge import LinuxcncBridge
 from rotary_error_monitor.nodes.listed_sensor import ListedSensorNode
-from rotary_error_monitor.nodes.lvdt import Lvdt
+from rotary_error_monitor.nodes.lvdt import LvdtNode
 from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.metrics import Metrics
 from rotary_error_monitor.nodes.mock_controller import MockController
@@ -143,8 +143,8 @@ def test_simulated_time_without_a_clock_is_said_and_nothing_goes_out(cell):
 
 NODES = [
     (EncoderHead, "encoder_head_c"),
-    (Autocollimator, "autocollimator"),
-    (Lvdt, "lvdt"),
+    (AutocollimatorNode, "autocollimator"),
+    (LvdtNode, "lvdt"),
     (ListedSensorNode, "listed_sensor_top"),
     (MockController, "mock_controller"),
     (LinuxcncBridge, "linuxcnc_bridge"),

@@ -15,7 +15,7 @@ from received_blocks import block_of
 
 from rotary_error_monitor.codec.error_motion_blocks import error_motion_from_block
 from rotary_error_monitor.description.stage import load_stage
-from rotary_error_monitor.nodes.autocollimator import Autocollimator
+from rotary_error_monitor.nodes.autocollimator import AutocollimatorNode
 from rotary_error_monitor.nodes.encoder_head import EncoderHead
 from rotary_error_monitor.nodes.error_estimator import ErrorEstimator
 from rotary_error_monitor.nodes.mock_controller import MockController
@@ -58,7 +58,7 @@ def test_error_motion_of_a_stage_with_measured_curves(curved: Cell, settings, st
     recorder = curved.run(Recorder, "recorder", folder=str(tmp_path / "bag"))
     for head in "abcd":
         curved.run(EncoderHead, f"encoder_head_{head}", source="mock")
-    curved.run(Autocollimator, "autocollimator", source="mock")
+    curved.run(AutocollimatorNode, "autocollimator", source="mock")
     curved.run(MockController, "mock_controller")
     curved.run(ErrorEstimator, "error_estimator", **ESTIMATOR)
     curved.wait_until(lambda: len(estimates) > 10, "estimates")

@@ -16,12 +16,12 @@ from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.bags.recovery import recover
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes import messages
-from rotary_error_monitor.nodes.autocollimator import Autocollimator
+from rotary_error_monitor.nodes.autocollimator import AutocollimatorNode
 from rotary_error_monitor.nodes.compensation import Compensation
 from rotary_error_monitor.nodes.encoder_head import EncoderHead
 from rotary_error_monitor.nodes.error_estimator import ErrorEstimator
 from rotary_error_monitor.nodes.listed_sensor import ListedSensorNode
-from rotary_error_monitor.nodes.lvdt import Lvdt
+from rotary_error_monitor.nodes.lvdt import LvdtNode
 from rotary_error_monitor.nodes.mock_controller import MockController
 from rotary_error_monitor.nodes.recorder import Recorder
 from rotary_error_monitor.nodes.stage_command import StageCommand
@@ -33,8 +33,8 @@ from rotary_error_monitor.testing import Cell
 
 INSTRUMENTS = [
     (EncoderHead, "encoder_head_a"),
-    (Autocollimator, "autocollimator"),
-    (Lvdt, "lvdt"),
+    (AutocollimatorNode, "autocollimator"),
+    (LvdtNode, "lvdt"),
     (ListedSensorNode, "listed_sensor_top"),
     (StageCommand, "stage_command"),
     (StageForce, "stage_force"),

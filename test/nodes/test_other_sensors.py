@@ -17,7 +17,7 @@ from rotary_error_monitor.codec.error_motion_blocks import error_motion_from_blo
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.nodes.autocollimator import Autocollimator
+from rotary_error_monitor.nodes.autocollimator import AutocollimatorNode
 from rotary_error_monitor.nodes.compensation import Compensation
 from rotary_error_monitor.nodes.encoder_head import EncoderHead
 from rotary_error_monitor.nodes.error_estimator import ErrorEstimator
@@ -99,7 +99,7 @@ def test_a_recording_with_an_autocollimator_that_the_description_does_not_have(c
     recorder = cell.run(Recorder, "recorder", folder=str(tmp_path / "bag"))
     for head in "abcd":
         cell.run(EncoderHead, f"encoder_head_{head}", source="mock")
-    cell.run(Autocollimator, "autocollimator", source="mock")
+    cell.run(AutocollimatorNode, "autocollimator", source="mock")
     cell.run(MockController, "mock_controller")
     cell.run(ErrorEstimator, "error_estimator", **ESTIMATOR)
     cell.wait_until(lambda: len(estimates) > 10, "estimates")
@@ -112,4 +112,4 @@ def test_a_recording_with_an_autocollimator_that_the_description_does_not_have(c
 
 def test_the_node_of_an_instrument_that_the_stage_does_not_have_says_so(five):
     with pytest.raises(InputError, match=r"five_heads\.yaml: the stage has no section 'autocollimator'"):
-        five.run(Autocollimator, "autocollimator", source="mock")
+        five.run(AutocollimatorNode, "autocollimator", source="mock")

@@ -26,7 +26,7 @@ from rotary_error_monitor.description.listed_sensors import name_of
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.metrology.error_motion import COMPONENTS
-from rotary_error_monitor.nodes.autocollimator import Autocollimator
+from rotary_error_monitor.nodes.autocollimator import AutocollimatorNode
 from rotary_error_monitor.nodes.encoder_head import EncoderHead
 from rotary_error_monitor.nodes.error_estimator import ErrorEstimator
 from rotary_error_monitor.nodes.gap_monitor import GapMonitor
@@ -67,7 +67,7 @@ def run_live(described, true, folder, seed):
         for head in stage.azimuths:
             cell.run(EncoderHead, f"encoder_head_{head}", **mocks)
         if stage.autocollimator is not None:
-            cell.run(Autocollimator, "autocollimator", **mocks)
+            cell.run(AutocollimatorNode, "autocollimator", **mocks)
         for stream, sensor in stage.listed.items():
             cell.run(ListedSensorNode, f"listed_sensor_{name_of(stream, sensor)}", **mocks)
         cell.run(MockController, "mock_controller", stage=str(true))

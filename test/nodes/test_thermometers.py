@@ -16,7 +16,7 @@ from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.nodes import messages
-from rotary_error_monitor.nodes.autocollimator import Autocollimator
+from rotary_error_monitor.nodes.autocollimator import AutocollimatorNode
 from rotary_error_monitor.nodes.encoder_head import EncoderHead
 from rotary_error_monitor.nodes.error_estimator import ErrorEstimator
 from rotary_error_monitor.nodes.gap_monitor import GapMonitor
@@ -66,7 +66,7 @@ def test_thermometers_in_a_cell(settings, path, tmp_path):
         recorder = cell.run(Recorder, "recorder", folder=str(tmp_path / "bag"))
         for head in "abcd":
             cell.run(EncoderHead, f"encoder_head_{head}", source="mock")
-        cell.run(Autocollimator, "autocollimator", source="mock")
+        cell.run(AutocollimatorNode, "autocollimator", source="mock")
         for place in PLACES:
             cell.run(ListedSensorNode, f"listed_sensor_{place}", source="mock")
         cell.run(MockController, "mock_controller", machine="xyzac_trt")

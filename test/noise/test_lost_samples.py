@@ -12,15 +12,15 @@ from rotary_error_monitor.effects.rotor import AT_REST
 from rotary_error_monitor.noise.head_grid import align_heads
 from rotary_error_monitor.noise.lost_samples import apart_between_samples, between_samples, inside, turning_points
 from rotary_error_monitor.plant.motion import Motion, Segment
-from rotary_error_monitor.twin.commanded import CommandedRotation
-from rotary_error_monitor.twin.recording import StageRecording, Stream
+from rotary_error_monitor.twin.commanded import CommandCurve
+from rotary_error_monitor.twin.recording import SignalStream, StageRecording
 
 PERIOD, LEAST = 0.004, 3e-7
 
 
 def sampled(course):
     time = PERIOD * np.arange(2000)
-    return Stream(time, np.stack(course(time), axis=1))
+    return SignalStream(time, np.stack(course(time), axis=1))
 
 
 def off(course, command, time):
@@ -59,7 +59,7 @@ def test_heads_that_sample_one_after_the_other_are_apart_where_the_command_is_of
     for course, spread in itertools.product(courses, (0.0, 1e-5, 1e-3, PERIOD)):
         command, late = sampled(course), spread * draw.uniform(-0.5, 0.5, 4)
         heads = {f"head_{letter}": np.arange(0.3, 7.7, PERIOD) + late[i] for i, letter in enumerate("abcd")}
-        streams = {name: Stream(time, np.zeros((len(time), 1))) for name, time in heads.items()}
+        streams = {name: SignalStream(time, np.zeros((len(time), 1))) for name, time in heads.items()}
         grid = align_heads(StageRecording(0, {"command": command, **streams}, ()))
         spline = CubicHermiteSpline(command.time, command.values[:, 0], command.values[:, 1])
         missed = np.zeros(grid.present.shape)
@@ -106,7 +106,7 @@ def test_where_the_direction_of_travel_is_not_known_is_left_out_and_nothing_else
     spans = turning_points(command)
     assert 0 < np.ptp(spans, axis=1).sum() < 0.02 * 7.9
     true = np.sign(np.where(np.abs(course.at(time)[1]) > AT_REST, course.at(time)[1], 0.0))
-    rotation = CommandedRotation(command.time, command.values[:, 0], command.values[:, 1])
+    rotation = CommandCurve(command.time, command.values[:, 0], command.values[:, 1])
     found = np.sign(np.where(np.abs(rotation.speed(time)) > AT_REST, rotation.speed(time), 0.0))
     wrong = (true != found) & ~inside(time, spans)
     assert not wrong.any(), time[wrong]

@@ -8,7 +8,7 @@ import pytest
 from rotary_error_monitor.cases.making import make_stage_case
 from rotary_error_monitor.noise.head_grid import align_heads
 from rotary_error_monitor.noise.stage_noise import StageNoise
-from rotary_error_monitor.twin.recording import StageRecording, Stream, record_stage
+from rotary_error_monitor.twin.recording import SignalStream, StageRecording, record_stage
 from rotary_error_monitor.twin.stage import twin_of
 
 
@@ -76,7 +76,10 @@ def test_samples_of_a_head_stand_in_the_rows_of_their_times(lost):
     rng = np.random.default_rng(len(lost))
     time = np.arange(100) * 0.002
     kept = np.setdiff1d(np.arange(100), lost)
-    streams = {"head_a": Stream(time, np.zeros((100, 1))), "head_b": Stream(time[kept], np.zeros((len(kept), 1)))}
+    streams = {
+        "head_a": SignalStream(time, np.zeros((100, 1))),
+        "head_b": SignalStream(time[kept], np.zeros((len(kept), 1))),
+    }
     grid = align_heads(StageRecording(0, streams))
     assert isinstance(grid.rows["head_b"], slice) == (not lost or lost == (99,))
     np.testing.assert_array_equal(grid.present, np.stack([np.ones(100, bool), np.isin(np.arange(100), kept)], axis=1))

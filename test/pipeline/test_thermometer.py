@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.pipeline.compensation import Compensator
-from rotary_error_monitor.pipeline.thermometer import BEYOND, FAST, JITTER, Thermometer, Warmth
+from rotary_error_monitor.pipeline.thermometer import BEYOND, FAST, JITTER, MachineThermometer, Warmth
 from rotary_error_monitor.signals.admission import NOT_FINITE
 
 MACHINE = load_machine("xyzac_trt")
@@ -20,9 +20,9 @@ S = 1_000_000_000
 WIDEST = 16.0 / math.sqrt(12.0)
 
 
-def proven(temperature: float = 20.0, until_ns: int = 0) -> Thermometer:
+def proven(temperature: float = 20.0, until_ns: int = 0) -> MachineThermometer:
     """One that has said the same for a second."""
-    thermometer = Thermometer(MACHINE)
+    thermometer = MachineThermometer(MACHINE)
     for stamp_ns in (until_ns - S, until_ns):
         assert thermometer.push(stamp_ns, temperature)
     return thermometer
@@ -121,7 +121,7 @@ def test_a_sound_thermometer_is_believed_at_any_rate_with_any_noise_and_resoluti
             "alternating": np.resize([-1.0, 1.0], len(times)),
         }
         shown = true + 0.5 * size * extremes[kind]
-    thermometer = Thermometer(MACHINE)
+    thermometer = MachineThermometer(MACHINE)
     assert all(thermometer.push(int(time), float(value)) for time, value in zip(times, shown, strict=True))
     assert not thermometer.refused
 
@@ -166,7 +166,7 @@ def test_stamps_that_do_not_go_on_give_no_time_to_warm(back):
 
 
 def test_without_a_sensor_the_reference_stands_in():
-    thermometer = Thermometer(MACHINE)
+    thermometer = MachineThermometer(MACHINE)
     assert not thermometer.has_spoken
     assert thermometer.at(S).temperature == 20.0
     assert thermometer.at(S).deviation == pytest.approx(WIDEST)
@@ -174,14 +174,14 @@ def test_without_a_sensor_the_reference_stands_in():
 
 
 def test_a_machine_that_does_not_expand_needs_none():
-    thermometer = Thermometer(load_machine("pan2013"))
+    thermometer = MachineThermometer(load_machine("pan2013"))
     assert not thermometer.needed
     assert thermometer.at(S).deviation == 0.0
     assert thermometer.trouble(S) == ""
 
 
 def test_reset_believes_the_next_one():
-    thermometer = Thermometer(MACHINE)
+    thermometer = MachineThermometer(MACHINE)
     thermometer.push(0, 20.0)
     assert not thermometer.push(S, 25.0)
     thermometer.reset()
@@ -220,7 +220,7 @@ def test_after_the_clock_was_set_back_the_next_temperature_counts():
 @pytest.mark.parametrize("first", [12.5, 14.0, 24.0, 27.9])
 def test_a_first_temperature_that_is_wrong_is_not_certain_and_gives_way(first, rate):
     """A driver that is not connected yet says what it likes, for less than half a second."""
-    thermometer = Thermometer(MACHINE)
+    thermometer = MachineThermometer(MACHINE)
     wrong = max(1, int(0.4 * rate))
     for number in range(wrong + 2 * rate):
         stamp_ns = number * S // rate
@@ -233,7 +233,7 @@ def test_a_first_temperature_that_is_wrong_is_not_certain_and_gives_way(first, r
 
 
 def test_what_contradicts_itself_from_the_start_stays_uncertain():
-    thermometer = Thermometer(MACHINE)
+    thermometer = MachineThermometer(MACHINE)
     for second in range(60):
         thermometer.push(second * S, (14.0, 21.0)[second % 2])
         assert thermometer.at(second * S).deviation == pytest.approx(WIDEST)

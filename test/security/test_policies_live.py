@@ -14,7 +14,7 @@ from ports import free_port
 
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.description.wire import load_services, load_wire, wire_of
-from rotary_error_monitor.nodes.autocollimator import Autocollimator
+from rotary_error_monitor.nodes.autocollimator import AutocollimatorNode
 from rotary_error_monitor.nodes.compensation import Compensation
 from rotary_error_monitor.nodes.dashboard import Dashboard
 from rotary_error_monitor.nodes.encoder_head import EncoderHead
@@ -22,7 +22,7 @@ from rotary_error_monitor.nodes.error_estimator import ErrorEstimator
 from rotary_error_monitor.nodes.gap_monitor import GapMonitor
 from rotary_error_monitor.nodes.linuxcnc_bridge import LinuxcncBridge
 from rotary_error_monitor.nodes.listed_sensor import ListedSensorNode
-from rotary_error_monitor.nodes.lvdt import Lvdt
+from rotary_error_monitor.nodes.lvdt import LvdtNode
 from rotary_error_monitor.nodes.metrics import Metrics
 from rotary_error_monitor.nodes.mock_controller import MockController
 from rotary_error_monitor.nodes.opcua_server import OpcuaServer
@@ -42,8 +42,8 @@ MOCK = {"source": "mock"}
 NODES = {
     "encoder_head_a": (EncoderHead, MOCK),
     "encoder_head_d": (EncoderHead, MOCK),
-    "autocollimator": (Autocollimator, MOCK),
-    "lvdt": (Lvdt, MOCK),
+    "autocollimator": (AutocollimatorNode, MOCK),
+    "lvdt": (LvdtNode, MOCK),
     "mock_controller": (MockController, MACHINE),
     "error_estimator": (ErrorEstimator, {}),
     "compensation": (Compensation, MACHINE),

@@ -18,7 +18,7 @@ from rotary_error_monitor.effects.effect import Cause, Parameter, Values
 from rotary_error_monitor.effects.rotor import RotorState, StageEffect
 from rotary_error_monitor.kinds.stage.forces import with_shaft_force
 from rotary_error_monitor.resources import config
-from rotary_error_monitor.twin.recording import StageRecording, Stream
+from rotary_error_monitor.twin.recording import SignalStream, StageRecording
 from rotary_error_monitor.twin.stage import StageTwin, stage_inputs
 
 FLOW = """
@@ -41,11 +41,11 @@ class CoolantFlow(SensorSection):
 """
 CELL = """
 from dataclasses import dataclass
-from rotary_error_monitor.description.sensor_kinds.force import Force
+from rotary_error_monitor.description.sensor_kinds.force import ForceSection
 from rotary_error_monitor.description.sensor_section import SHAFT_FORCE
 
 @dataclass(frozen=True, kw_only=True)
-class Dynamometer(Force):
+class Dynamometer(ForceSection):
     measures = SHAFT_FORCE
 """
 FLOW_KIND = """
@@ -114,9 +114,9 @@ def recording(seed: int) -> tuple[StageRecording, Array, Array]:
     own = np.column_stack([cos * force[:, 0] + sin * force[:, 1], -sin * force[:, 0] + cos * force[:, 1]])
     command = np.column_stack([TIME, np.ones(len(TIME))])
     streams = {
-        "command": Stream(TIME, command),
-        "coolant_flow_pump": Stream(TIME, 0.5 + flow[:, None]),
-        "dynamometer_table": Stream(TIME, np.array([4.0, -2.0]) - 1.2 * own),
+        "command": SignalStream(TIME, command),
+        "coolant_flow_pump": SignalStream(TIME, 0.5 + flow[:, None]),
+        "dynamometer_table": SignalStream(TIME, np.array([4.0, -2.0]) - 1.2 * own),
     }
     return StageRecording(0, streams), flow, force
 

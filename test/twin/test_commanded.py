@@ -7,7 +7,7 @@ import pytest
 from scipy.interpolate import CubicHermiteSpline
 
 from rotary_error_monitor.twin import commanded
-from rotary_error_monitor.twin.commanded import CommandedRotation
+from rotary_error_monitor.twin.commanded import CommandCurve
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -18,7 +18,7 @@ def test_it_is_the_hermite_spline(seed, monkeypatch):
     time = np.cumsum(rng.uniform(0.001, 0.003, count))
     angle, speed = np.cumsum(rng.normal(size=count)), 100 * rng.normal(size=count)
     known = CubicHermiteSpline(time, angle, speed)
-    found = CommandedRotation(time, angle, speed)
+    found = CommandCurve(time, angle, speed)
     # Anywhere, in any order, on the samples themselves, and beyond them.
     wanted = np.concatenate([rng.uniform(time[0] - 0.01, time[-1] + 0.01, 500), time])
     for shape in ((-1,), (1, -1), (-1, 1)):
@@ -39,13 +39,13 @@ def test_a_stage_that_starts_does_not_turn_back_first(seed):
     rng = np.random.default_rng(seed)
     time, begin, jerk = np.arange(0, 1, 0.002), rng.uniform(0.2, 0.4), 10 ** rng.uniform(0, 4)
     since = np.maximum(time - begin, 0.0)
-    found = CommandedRotation(time, jerk * since**4 / 24, jerk * since**3 / 6)
+    found = CommandCurve(time, jerk * since**4 / 24, jerk * since**3 / 6)
     fine = np.linspace(begin + 0.004, 0.99, 5000)
     assert (found.speed(fine) > 0).all()
     assert np.abs(found.speed(fine) - jerk * (fine - begin) ** 3 / 6).max() < jerk * 0.002**3 / 6
 
 
 def test_what_is_no_time_has_no_angle():
-    found = CommandedRotation(np.arange(3.0), np.zeros(3), np.zeros(3))
+    found = CommandCurve(np.arange(3.0), np.zeros(3), np.zeros(3))
     np.testing.assert_array_equal(found.angle(np.array([0.5, np.nan])), [0.0, np.nan])
     assert found.angle(np.zeros(0)).shape == (0,)

@@ -7,7 +7,7 @@ import pytest
 
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.signals.blocks import block_from_samples
-from rotary_error_monitor.twin.recording import StageRecording, Stream, record_stage, thinned
+from rotary_error_monitor.twin.recording import SignalStream, StageRecording, record_stage, thinned
 
 START = 1_700_000_000_000_000_000
 FIELDS = {
@@ -78,10 +78,10 @@ def test_of_fast_sensors_some_samples_are_used_those_of_all_heads_together():
     time = np.arange(20_000) * 1e-4
     lost = np.r_[0:7_003, 7_100:20_000]
     streams = {
-        "head_a": Stream(time + 3e-5, np.sin(time)[:, None]),
-        "head_b": Stream(time[lost] + 9e-5, np.cos(time[lost])[:, None]),
-        "autocollimator": Stream(time[::10], np.zeros((2_000, 2))),
-        "command": Stream(time, np.zeros((20_000, 2))),
+        "head_a": SignalStream(time + 3e-5, np.sin(time)[:, None]),
+        "head_b": SignalStream(time[lost] + 9e-5, np.cos(time[lost])[:, None]),
+        "autocollimator": SignalStream(time[::10], np.zeros((2_000, 2))),
+        "command": SignalStream(time, np.zeros((20_000, 2))),
     }
     recording = thinned(StageRecording(START, streams, ("before",)), 1000.0)
     assert recording.remarks == ("before", "one sample in 10 is used of head_a, head_b")
@@ -99,7 +99,7 @@ def test_of_fast_sensors_some_samples_are_used_those_of_all_heads_together():
 @pytest.mark.parametrize(("rate", "used"), [(900.0, 900.0), (1000.0, 1000.0), (1700.0, 850.0), (50_000.0, 1000.0)])
 def test_a_sensor_is_used_at_no_more_than_the_rate(rate, used):
     time = np.arange(round(2 * rate)) / rate
-    streams = {"head_a": Stream(time, time[:, None]), "command": Stream(time, np.zeros((len(time), 2)))}
+    streams = {"head_a": SignalStream(time, time[:, None]), "command": SignalStream(time, np.zeros((len(time), 2)))}
     kept = thinned(StageRecording(START, streams), 1000.0).streams["head_a"]
     assert 1 / kept.period == pytest.approx(used)
     assert len(kept.time) == pytest.approx(2 * used, abs=1)

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rotary_error_monitor.twin.recording import StageRecording, Stream
+from rotary_error_monitor.twin.recording import SignalStream, StageRecording
 from rotary_error_monitor.twin.stage import stage_inputs
 
 TIME = np.arange(0.0, 40.0, 0.01)
 
 
 def inputs(force):
-    command = Stream(TIME, np.zeros((len(TIME), 2)))
-    return stage_inputs(StageRecording(0, {"command": command, "force": Stream(TIME, force)}), 20.0)
+    command = SignalStream(TIME, np.zeros((len(TIME), 2)))
+    return stage_inputs(StageRecording(0, {"command": command, "force": SignalStream(TIME, force)}), 20.0)
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -35,5 +35,5 @@ def test_a_push_stays_as_it_was_measured():
 
 
 def test_without_a_load_cell_no_force_acts():
-    command = Stream(TIME, np.zeros((len(TIME), 2)))
+    command = SignalStream(TIME, np.zeros((len(TIME), 2)))
     assert not stage_inputs(StageRecording(0, {"command": command}), 20.0).force(TIME).any()

@@ -12,7 +12,7 @@ from rotary_error_monitor.description.sensor_section import ProbeSection
 
 
 @dataclass(frozen=True, kw_only=True)
-class AxialProbe(ProbeSection):
+class AxialProbeSection(ProbeSection):
     """Where the probe stands."""
 
     or_else = ", or gains of unlike sign before two faces"

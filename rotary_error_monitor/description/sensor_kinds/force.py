@@ -17,7 +17,7 @@ _Zero = Annotated[float, Expected("a force in N", -LARGEST, LARGEST)]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Force(SensorSection):
+class ForceSection(SensorSection):
     """What the load cell reads along two axes at right angles, or along the first of them alone."""
 
     fields = own_columns("force")

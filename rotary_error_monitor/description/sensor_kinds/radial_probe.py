@@ -12,7 +12,7 @@ from rotary_error_monitor.description.sensor_section import LARGEST_ARTEFACT, Pr
 
 
 @dataclass(frozen=True, kw_only=True)
-class RadialProbe(ProbeSection):
+class RadialProbeSection(ProbeSection):
     """Where the probe stands."""
 
     azimuth: Annotated[Angle, Expected("angle of the probe about +z in rad")]

@@ -11,7 +11,7 @@ from rotary_error_monitor.description.sensor_section import PLACE_TEMPERATURE, S
 
 
 @dataclass(frozen=True, kw_only=True)
-class Thermometer(SensorSection):
+class ThermometerSection(SensorSection):
     """What the thermometer reads, in °C; it has neither gain nor form."""
 
     fields = own_columns("thermometer")

@@ -13,7 +13,7 @@ from rotary_error_monitor.description.sensor_section import SensorSection, Uncer
 
 
 @dataclass(frozen=True, kw_only=True)
-class TiltSensor(SensorSection):
+class TiltSensorSection(SensorSection):
     """What the instrument reads of the tilt, in rad."""
 
     fields = own_columns("tilt_sensor")

@@ -17,7 +17,7 @@ from rotary_error_monitor.gap.known_effects import KnownEffects
 from rotary_error_monitor.gap.noise_level import LOUDEST, LOUDEST_UNSTATED, NOISIER, SAME_LEVEL
 from rotary_error_monitor.gap.options import FALSE_ALARMS
 from rotary_error_monitor.gap.p_values import NORMAL_QUARTILE, log_f_tail
-from rotary_error_monitor.gap.problem import Columns, Finding, Rows, Share
+from rotary_error_monitor.gap.problem import Columns, Rows, Share, StructureTest
 from rotary_error_monitor.gap.slow_noise import Rivals, cosines, learn_slow_noise
 from rotary_error_monitor.kinds.machine.modulations import machine_departures
 from rotary_error_monitor.kinds.machine.noise_level import AS_STATED, ProbeNoiseEstimator
@@ -106,7 +106,7 @@ class MachineProblem(MachineTable):
             self._moved = np.concatenate([*moved, warmed], axis=2)
         return self._moved
 
-    def structure(self, rest: Rows) -> list[Finding]:
+    def structure(self, rest: Rows) -> list[StructureTest]:
         """Tests of what is left: its power, that of each component, and every smooth error of a machine's axes."""
         white, count = np.concatenate([rest[channel][:, 0] for channel in self.channels]), int(self.kept.sum())
         findings = [self._scatter("probe", white, 3 * count), *self._scatter_of_each(rest)]
@@ -117,18 +117,18 @@ class MachineProblem(MachineTable):
         """Degrees of freedom with which the level of the probe's noise is known."""
         return self._noise.level.dof
 
-    def _scatter_of_each(self, rest: Rows) -> list[Finding]:
+    def _scatter_of_each(self, rest: Rows) -> list[StructureTest]:
         """A component alone, which may be the louder one of all, is one of as many."""
         own, count = {channel: rest[channel][:, 0] for channel in self.channels}, int(self.kept.sum())
         return [self._scatter(channel, values, count, len(own)) for channel, values in own.items()]
 
-    def _scatter(self, channel: str, white: Array, count: int, tests: int = 1) -> Finding:
+    def _scatter(self, channel: str, white: Array, count: int, tests: int = 1) -> StructureTest:
         """Test of the power of `count` white values, one of so many tests."""
         power = float(white @ white)
         # both scatter as the squares of this noise do
         log_p_value = log_f_tail(power / count, count / self._noise.tails, self._noise.level.dof)
         chance = min(0.0, log_p_value + float(np.log(tests)))
-        return Finding(channel, "power", chance, max(0.0, power - count), "pose: scatter")
+        return StructureTest(channel, "power", chance, max(0.0, power - count), "pose: scatter")
 
     def learn_noise(self, causes: Sequence[Cause]) -> bool:
         """Look for outliers, and for level and drift of the probe's noise again; whether rows or noise have changed."""

@@ -12,7 +12,7 @@ from rotary_error_monitor.description.machine_parts import Axis
 from rotary_error_monitor.effects.machine_effect import LINEAR, positioning_error
 from rotary_error_monitor.gap.options import FALSE_ALARMS
 from rotary_error_monitor.gap.p_values import chi_square_median, log_f_tail
-from rotary_error_monitor.gap.problem import Finding
+from rotary_error_monitor.gap.problem import StructureTest
 from rotary_error_monitor.gap.slow_noise import cosines, in_all
 from rotary_error_monitor.twin.machine import MachineRecording, predict_probe
 
@@ -61,7 +61,7 @@ class SmoothMachine:
         # As they were probed, and along each axis.
         self._orders = [np.arange(len(passed)), *np.argsort(recording.positions, axis=0, kind="stable").T]
 
-    def findings(self, white: Array, kept: NDArray[np.bool_], noise_dof: float) -> list[Finding]:
+    def findings(self, white: Array, kept: NDArray[np.bool_], noise_dof: float) -> list[StructureTest]:
         """The smooth error of each axis that white rows (3 n,), zero where not `kept` (n,), show most of.
 
         The level of their noise is known with so many degrees of freedom.
@@ -72,7 +72,9 @@ class SmoothMachine:
             gains = np.square(own.T @ white) / np.maximum(np.sum(np.square(own), axis=0), 1e-300)
             best = int(np.argmax(gains))
             chance = min(0.0, log_f_tail(float(gains[best]), 1, noise_dof) + float(np.log(len(names))))
-            findings.append(Finding("probe", f"axis {axis}", chance, max(0.0, float(gains[best]) - 1), names[best]))
+            findings.append(
+                StructureTest("probe", f"axis {axis}", chance, max(0.0, float(gains[best]) - 1), names[best])
+            )
         return findings
 
     def inliers(self, white: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:

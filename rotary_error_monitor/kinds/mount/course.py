@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.gap.p_values import chi_square_median, log_chi_square_tail
-from rotary_error_monitor.gap.problem import Finding
+from rotary_error_monitor.gap.problem import StructureTest
 from rotary_error_monitor.gap.structure import HIGHEST_LEVEL
 from rotary_error_monitor.kinds.mount.sky import OVER_TIME, estimate_repeatability
 from rotary_error_monitor.noise.slow_noise import SlowNoise
@@ -47,7 +47,9 @@ class TimeCourses:
         self.names = [words for words, _ in told]
         self.shapes = np.stack([course for _, course in told], axis=1)
 
-    def findings(self, white: Array, kept: NDArray[np.bool_], channel: str, slow: SlowNoise | None = None) -> Finding:
+    def findings(
+        self, white: Array, kept: NDArray[np.bool_], channel: str, slow: SlowNoise | None = None
+    ) -> StructureTest:
         """The course that explains most of white rows (n,), beside coloured noise as loud as most courses are.
 
         Noise that is coloured raises all slow courses alike; what stands out of them is none (`HIGHEST_LEVEL`).
@@ -60,7 +62,7 @@ class TimeCourses:
         beside = gains / np.repeat(np.clip(levels, 1.0, HIGHEST_LEVEL), len(gains) // 2)
         best = int(np.argmax(beside))
         chance = log_chi_square_tail(float(beside[best]), 1) + float(np.log(len(gains)))
-        return Finding(
+        return StructureTest(
             channel, GROUP, min(0.0, chance), max(0.0, float(gains[best]) - 1), f"{GROUP}: {self.names[best]}"
         )
 

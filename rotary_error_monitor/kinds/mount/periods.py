@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.gap.orders import trials_of_waves
-from rotary_error_monitor.gap.problem import Finding
+from rotary_error_monitor.gap.problem import StructureTest
 from rotary_error_monitor.gap.structure import HIGHEST_LEVEL
 
 MOST_TEETH = 720
@@ -43,7 +43,7 @@ class AxisPeriods:
         evenly = np.sqrt(12 * np.mean(np.square(self._position))) / (2 * np.pi)
         self._independent = max(float((self._orders[-1] - self._orders[0]) * evenly), 1.0)
 
-    def finding(self, white: Array, kept: NDArray[np.bool_], channel: str, axis: str) -> Finding:
+    def finding(self, white: Array, kept: NDArray[np.bool_], channel: str, axis: str) -> StructureTest:
         """The wave that explains most of white rows (n,) of one channel.
 
         What else is left raises all waves alike, since pointings lie unevenly: one stands out of that, be it noise or
@@ -55,7 +55,7 @@ class AxisPeriods:
         half = _misfit(whole, count) - _misfit(max(whole - float(squares[best]), 0.0), count)
         chance = float(np.log(trials_of_waves(self._independent, -half))) - half
         pattern = f"pose, {axis}: period of {360 / self._orders[best]:.3g}°"
-        return Finding(channel, "period", min(0.0, chance), max(0.0, float(squares[best]) - 2), pattern)
+        return StructureTest(channel, "period", min(0.0, chance), max(0.0, float(squares[best]) - 2), pattern)
 
     def spectrum(self, white: Array, kept: NDArray[np.bool_]) -> Array:
         """Squares that each order explains of white rows (n,), taken alone: chi-square of two dof under noise."""

@@ -21,7 +21,7 @@ from rotary_error_monitor.effects.effect import AnyEffect, Cause, Role
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.departures import SHARE, Departures
 from rotary_error_monitor.gap.known_effects import KnownEffects
-from rotary_error_monitor.gap.problem import Candidate, Columns, Finding, LateRows, Rows, SparseRows
+from rotary_error_monitor.gap.problem import Candidate, Columns, LateRows, Rows, SparseRows, StructureTest
 from rotary_error_monitor.gap.table import Shapes, TableProblem
 from rotary_error_monitor.kinds.mount.advice import mount_advice
 from rotary_error_monitor.kinds.mount.course import GROUP as TIME
@@ -198,7 +198,7 @@ class MountProblem(TableProblem[MountGeometry]):
             "direction": [("of hour axis", direction[:, 0]), ("of declination axis", direction[:, 1])],
         }
 
-    def structure(self, rest: Rows) -> list[Finding]:
+    def structure(self, rest: Rows) -> list[StructureTest]:
         """Tests of every shape, of courses in time, and of short periods of each axis along its way."""
         found = []
         for channel, slow in zip(self.channels, self._slow_noise, strict=True):

@@ -16,7 +16,7 @@ from rotary_error_monitor.arrays import Array, Complex
 from rotary_error_monitor.effects.effect import AnyEffect, Cause, Role
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.p_values import log_chi_square_tail, log_normal_tail
-from rotary_error_monitor.gap.problem import Candidate, Finding, Rows, Share
+from rotary_error_monitor.gap.problem import Candidate, Rows, Share, StructureTest
 from rotary_error_monitor.gap.table import TableProblem, acting, folded
 from rotary_error_monitor.kinds.quadrature.description import QuadratureDescription
 from rotary_error_monitor.kinds.quadrature.effects import QuadratureEffect
@@ -128,7 +128,7 @@ class QuadratureProblem(TableProblem[float]):
         degrees = np.degrees(self.phase)
         return {"phase, °": degrees, "phase within a quarter, °": np.mod(degrees, 90.0)}
 
-    def structure(self, rest: Rows) -> list[Finding]:
+    def structure(self, rest: Rows) -> list[StructureTest]:
         """Tests of every order of the radius up to 16, and of every place on the circle."""
         white = rest["radius"][:, 0]
         findings = []
@@ -136,14 +136,14 @@ class QuadratureProblem(TableProblem[float]):
             waves = np.exp(1j * order * self.phase) * self._scale
             power = 2 * abs(np.dot(waves, white)) ** 2 / float(np.sum(np.square(self._scale)))
             chance = log_chi_square_tail(power, 2)
-            findings.append(Finding("radius", "order", chance, max(0.0, power - 2), f"phase: order {order}"))
+            findings.append(StructureTest("radius", "order", chance, max(0.0, power - 2), f"phase: order {order}"))
         place = (self.phase * PLACES / (2 * np.pi)).astype(np.intp) % PLACES
         squares = np.bincount(place, np.square(self._scale), PLACES)
         z = np.bincount(place, self._scale * white, PLACES) / np.sqrt(np.maximum(squares, 1e-300))
         best = int(np.argmax(np.abs(z)))
         chance = min(0.0, log_normal_tail(abs(float(z[best]))) + float(np.log(2 * PLACES)))
         words = f"phase: place {(best + 0.5) * 360 / PLACES:.0f}°"
-        return [*findings, Finding("radius", "place", chance, max(0.0, float(z[best]) ** 2 - 1), words)]
+        return [*findings, StructureTest("radius", "place", chance, max(0.0, float(z[best]) ** 2 - 1), words)]
 
     def check_plausible(self) -> None:
         """Refuse signals of another size.

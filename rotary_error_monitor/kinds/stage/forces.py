@@ -8,7 +8,7 @@ from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.streams import FORCE
 from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.metrology.forces import joined_force, load_cell
-from rotary_error_monitor.twin.recording import StageRecording, Stream
+from rotary_error_monitor.twin.recording import SignalStream, StageRecording
 
 _OWN = samples_topic(FORCE)
 
@@ -29,7 +29,9 @@ def with_shaft_force(stage: StageDescription, recording: StageRecording) -> tupl
     if names:
         read = [recording.streams[name] for name in names]
         cells = [load_cell(stage.inputs[name]) for name in names]
-        streams[FORCE] = Stream(*joined_force(cells, [each.time for each in read], [each.values for each in read]))
+        streams[FORCE] = SignalStream(
+            *joined_force(cells, [each.time for each in read], [each.values for each in read])
+        )
     forces = set(stage.forces.values())
     inputs = {name: sensor for name, sensor in stage.inputs.items() if name in names or name not in forces}
     return replace(stage, inputs=inputs), StageRecording(recording.start_ns, streams, tuple(remarks))

@@ -14,7 +14,7 @@ from rotary_error_monitor.noise.stage_noise import StageNoise
 from rotary_error_monitor.sensors.library import instrument_of
 
 
-class Instrument:
+class InstrumentSums:
     """Sums of white rows over cells, for components that are independent of one another.
 
     Args:

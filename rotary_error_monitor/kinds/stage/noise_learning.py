@@ -18,7 +18,7 @@ from rotary_error_monitor.gap.normal import own_rest
 from rotary_error_monitor.gap.problem import Columns, LateRows, Rows, SparseRows
 from rotary_error_monitor.gap.slow_noise import Rivals, cosines, in_all, learn_slow_noise
 from rotary_error_monitor.gap.structure import Track
-from rotary_error_monitor.kinds.stage.instrument import Instrument
+from rotary_error_monitor.kinds.stage.instrument import InstrumentSums
 from rotary_error_monitor.kinds.stage.jitter import SharedMotion, estimate_jitter
 from rotary_error_monitor.kinds.stage.nuisances import Nuisances
 from rotary_error_monitor.kinds.stage.rows import StageRows
@@ -189,7 +189,7 @@ class NoiseLearning:
         rows = self._problem.noise.without_slow_noise(columns.rows if isinstance(columns, SparseRows) else columns)
         return replace(columns, rows=rows) if rows is not None and isinstance(columns, SparseRows) else rows
 
-    def _shown_elsewhere(self, own: Instrument, rest: Rows) -> Rivals:
+    def _shown_elsewhere(self, own: InstrumentSums, rest: Rows) -> Rivals:
         """Slow courses of each other instrument: what both show alike is noise of neither."""
         found = []
         for name in self._instruments():
@@ -204,12 +204,12 @@ class NoiseLearning:
         channels = (channel for channel in self._problem.channels if channel != COMMAND)
         return tuple(dict.fromkeys(instrument_of(channel) for channel in channels))
 
-    def _instrument(self, name: str) -> Instrument:
+    def _instrument(self, name: str) -> InstrumentSums:
         problem = self._problem
         first = next(channel for channel in problem.channels if instrument_of(channel) == name)
-        return Instrument(name, problem.channels, problem.noise, problem.times(first))
+        return InstrumentSums(name, problem.channels, problem.noise, problem.times(first))
 
-    def _rivals(self, own: Instrument, rest: Rows) -> Iterator[Rivals]:
+    def _rivals(self, own: InstrumentSums, rest: Rows) -> Iterator[Rivals]:
         """What else may be slow beside known effects: what others show, what goes with an input, and waves."""
         yield self._shown_elsewhere(own, rest)
         yield _seen([in_all(columns[:, None], own.weight) for columns in self._inputs(own.time).T])

@@ -16,7 +16,7 @@ from rotary_error_monitor.effects.effect import Cause, Role, among, values_of
 from rotary_error_monitor.effects.rotor import HEAD, StageEffect
 from rotary_error_monitor.gap.departures import SHARE, Departures, amplitude_sizes, in_proportion, modulated, spread_out
 from rotary_error_monitor.gap.noise_level import NOISIER
-from rotary_error_monitor.gap.problem import Candidate, Columns, Finding, Rows, Share, SparseRows
+from rotary_error_monitor.gap.problem import Candidate, Columns, Rows, Share, SparseRows, StructureTest
 from rotary_error_monitor.gap.proportion import amplitudes_of
 from rotary_error_monitor.gap.structure import Track
 from rotary_error_monitor.gap.views import View
@@ -294,7 +294,7 @@ class StageProblem:
         """White rows with what they may depend on, for tests of structure, one channel at a time."""
         return self._tracks.of(rest)
 
-    def structure(self, rest: Rows) -> list[Finding]:
+    def structure(self, rest: Rows) -> list[StructureTest]:
         """Tests of each channel against orders, lines, places and times; of those of one instrument together."""
         return self._tracks.structure(rest)
 

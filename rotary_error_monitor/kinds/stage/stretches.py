@@ -29,7 +29,7 @@ from rotary_error_monitor.kinds.stage.stuck import without_stuck
 from rotary_error_monitor.kinds.stage.thermometers import with_useful_inputs
 from rotary_error_monitor.kinds.stage.tracks import Tracks
 from rotary_error_monitor.noise.stage_noise import StageNoise
-from rotary_error_monitor.twin.recording import FEWEST_SAMPLES, StageRecording, Stream
+from rotary_error_monitor.twin.recording import FEWEST_SAMPLES, SignalStream, StageRecording
 from rotary_error_monitor.twin.stage import twin_of
 
 STRETCH = 40.0
@@ -303,5 +303,5 @@ def cut_recording(recording: StageRecording, start: float, stop: float) -> Stage
         last = start + np.inf if stop >= recording.duration else stop
         part = slice(*np.searchsorted(stream.time, [start, last]))
         if part.stop - part.start >= FEWEST_SAMPLES:
-            cut[name] = Stream(stream.time[part], stream.values[part])
+            cut[name] = SignalStream(stream.time[part], stream.values[part])
     return StageRecording(recording.start_ns, whole | cut)

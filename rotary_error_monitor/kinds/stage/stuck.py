@@ -9,7 +9,7 @@ from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.listed_sensors import ListedSensor
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.metrology.repeated_readings import runs_of
-from rotary_error_monitor.twin.recording import FEWEST_SAMPLES, StageRecording, Stream
+from rotary_error_monitor.twin.recording import FEWEST_SAMPLES, SignalStream, StageRecording
 
 SAME = 100
 """Equal samples after which a sensor is stuck: where noise is half a step or more, one sample is some number of steps
@@ -21,7 +21,7 @@ FINE = 0.5
 
 def without_stuck(stage: StageDescription, recording: StageRecording) -> StageRecording:
     """The recording without the samples of listed sensors that are stuck, and a remark that says so."""
-    streams, remarks = dict[str, Stream](recording.streams), list(recording.remarks)
+    streams, remarks = dict[str, SignalStream](recording.streams), list(recording.remarks)
     for name, sensor in stage.sensors.items():
         if name not in streams or sensor.noise < FINE * sensor.resolution:
             continue
@@ -34,11 +34,11 @@ def without_stuck(stage: StageDescription, recording: StageRecording) -> StageRe
     return StageRecording(recording.start_ns, streams, tuple(remarks))
 
 
-def _leave(streams: dict[str, Stream], name: str, kept: NDArray[np.bool_]) -> None:
+def _leave(streams: dict[str, SignalStream], name: str, kept: NDArray[np.bool_]) -> None:
     if np.count_nonzero(kept) < FEWEST_SAMPLES:
         del streams[name]
     else:
-        streams[name] = Stream(streams[name].time[kept], streams[name].values[kept])
+        streams[name] = SignalStream(streams[name].time[kept], streams[name].values[kept])
 
 
 def _in_long_runs(values: Array) -> NDArray[np.bool_]:
@@ -47,7 +47,7 @@ def _in_long_runs(values: Array) -> NDArray[np.bool_]:
     return np.repeat(lengths >= SAME, lengths)
 
 
-def _told(name: str, stream: Stream, stuck: NDArray[np.bool_], sensor: ListedSensor) -> str:
+def _told(name: str, stream: SignalStream, stuck: NDArray[np.bool_], sensor: ListedSensor) -> str:
     values, count = stream.values[stuck][0], np.count_nonzero(stuck)
     beyond = ", the end of its range" if np.any(np.abs(values) >= sensor.range) else ""
     since, told = float(stream.time[stuck][0]), ", ".join(f"{1e6 * value:.4g}" for value in values)

@@ -12,7 +12,7 @@ from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.metrology.reading_noise import noise_of
 from rotary_error_monitor.metrology.repeated_readings import longest_run, run_by_chance
 from rotary_error_monitor.sensors.library import input_of
-from rotary_error_monitor.twin.recording import StageRecording, Stream
+from rotary_error_monitor.twin.recording import SignalStream, StageRecording
 
 LOUD = 3.0
 """Times the stated scatter from which it is said: what data sheets state is met within a factor of two."""
@@ -33,7 +33,7 @@ def with_useful_inputs(stage: StageDescription, recording: StageRecording) -> tu
             kind = input_of(name)
             assert kind is not None  # only such sensors are among a stage's inputs
             readings = streams[name].values[:, : kind.looked_at(sensor)]
-            read = Stream(streams[name].time, readings)
+            read = SignalStream(streams[name].time, readings)
             told = _beyond(read, sensor) or _stuck(read, sensor)
             if not told:
                 remarks += _loud(name, read, sensor)
@@ -46,7 +46,7 @@ def with_useful_inputs(stage: StageDescription, recording: StageRecording) -> tu
     return replace(stage, inputs=inputs), StageRecording(recording.start_ns, streams, tuple(remarks))
 
 
-def _beyond(stream: Stream, sensor: ListedSensor) -> str:
+def _beyond(stream: SignalStream, sensor: ListedSensor) -> str:
     """What it reads where that is beyond its range; empty where it is not."""
     most = float(np.max(np.abs(stream.values)))
     if most < sensor.range:
@@ -54,7 +54,7 @@ def _beyond(stream: Stream, sensor: ListedSensor) -> str:
     return f"read {most:.4g} {sensor.unit}, the end of its range or beyond ({sensor.range:.4g})"
 
 
-def _stuck(stream: Stream, sensor: ListedSensor) -> str:
+def _stuck(stream: SignalStream, sensor: ListedSensor) -> str:
     """Since when it has been stuck, and where; empty where its noise may let it repeat for as long.
 
     A temperature may stand still within a step for minutes. But noise moves a reading, wherever in a step it stands,
@@ -75,7 +75,7 @@ def _stuck(stream: Stream, sensor: ListedSensor) -> str:
     return ""
 
 
-def _loud(name: str, stream: Stream, sensor: ListedSensor) -> list[str]:
+def _loud(name: str, stream: SignalStream, sensor: ListedSensor) -> list[str]:
     """A remark where readings differ from one to the next by far more than noise and resolution make them."""
     stated = math.hypot(sensor.noise, sensor.resolution / math.sqrt(12))
     if sensor.is_slow or len(stream.time) < _JUDGED:  # what is slow may change between two readings

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.rotor import HEAD
-from rotary_error_monitor.gap.problem import Finding, Rows
+from rotary_error_monitor.gap.problem import Rows, StructureTest
 from rotary_error_monitor.gap.structure import Track, find_shared, find_structure
 from rotary_error_monitor.kinds.stage.rows import StageRows
 from rotary_error_monitor.sensors.library import instrument_of
@@ -61,10 +61,10 @@ class Tracks:
             white = rows[used, 0] / np.sqrt(expected[used])
             yield replace(last.track, channel=channel, rows=white)
 
-    def structure(self, rest: Rows) -> list[Finding]:
+    def structure(self, rest: Rows) -> list[StructureTest]:
         """Tests of each channel against orders, lines, places and times; of those of one instrument together."""
-        own: dict[str, list[Finding]] = {}
-        shared: list[Finding] = []
+        own: dict[str, list[StructureTest]] = {}
+        shared: list[StructureTest] = []
         # Those of one instrument one after the other, so that no more than these are held: a channel that begins late
         # stands behind all others.
         instruments = {channel: instrument_of(channel) for channel in rest}

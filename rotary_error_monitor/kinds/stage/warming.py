@@ -24,7 +24,7 @@ from rotary_error_monitor.metrology.reading_noise import noise_of
 from rotary_error_monitor.metrology.reading_steps import step_of
 from rotary_error_monitor.metrology.thermometer_course import ThermometerCourse, class_b_uncertainty
 from rotary_error_monitor.metrology.unread_temperature import UNKNOWN_COURSES, UNKNOWN_WARMING, unknown_warming
-from rotary_error_monitor.twin.recording import StageRecording, Stream
+from rotary_error_monitor.twin.recording import SignalStream, StageRecording
 from rotary_error_monitor.twin.stage import NEIGHBOURS, Acting, StageInputs, StageTwin, turned_by
 
 GAP = 3.5
@@ -106,7 +106,7 @@ class ForceNoise:
         return np.asarray(sum(moved, np.zeros_like(base)) * max(self.period / period, 1.0), np.float64)
 
 
-def _diluted(read: Stream, variance: float) -> Iterator[_Diluted]:
+def _diluted(read: SignalStream, variance: float) -> Iterator[_Diluted]:
     """What noise of the readings hides of a compliance: regression dilution (Fuller 1987, Equation 1.1.6).
 
     Steps count as half of them, which is the most: a reading on the edge of one jumps between two values.
@@ -129,7 +129,7 @@ def _of_listed_cell(
             yield from _cut_off(sensor.resolution * direction, _side(read, axis, width))
 
 
-def _of_own_cell(read: Stream, axis: int, step: float, noise: float) -> Iterator[_Pushed]:
+def _of_own_cell(read: SignalStream, axis: int, step: float, noise: float) -> Iterator[_Pushed]:
     """Of the load cell of a topic of its own, whose zero is right but for its rounding, and whose steps it shows."""
     if _matters(step, read.values):
         yield from _cut_off(step * np.eye(2)[axis], _side(read, axis, float(np.hypot(noise, step))))
@@ -146,7 +146,7 @@ def _matters(step: float, force: Array) -> bool:
     return step / 2 > FIRST_ORDER * float(np.abs(force).max())
 
 
-def _side(read: Stream, axis: int, width: float) -> Course:
+def _side(read: SignalStream, axis: int, width: float) -> Course:
     """Which side of zero a cell is on: 1 or -1, in between where neighbours read less than `width` in the mean.
 
     A single reading is there by its noise, and one that is cut off towards zero is right in the mean around it.
@@ -181,7 +181,7 @@ def _unknown(last: float) -> list[Course]:
     return [course(power) for power in range(UNKNOWN_COURSES)]
 
 
-def _misread(read: Stream, zero: float, resolution: float = 0.0) -> Iterator[Course]:
+def _misread(read: SignalStream, zero: float, resolution: float = 0.0) -> Iterator[Course]:
     """By its zero, of a standard uncertainty, K, and how it rounds; then what noise and steps leave open."""
     found = ThermometerCourse.of(read.time, read.values[:, 0], resolution)
     yield from (_between(found.time, way) for way in found.course.ways(zero)[:, : 1 + NOISY_COURSES].T)
@@ -191,7 +191,7 @@ def _between(at: Array, values: Array) -> Course:
     return lambda time: np.interp(time, at, values)
 
 
-def _unread(temperature: Stream, last: float) -> Iterator[Course]:
+def _unread(temperature: SignalStream, last: float) -> Iterator[Course]:
     """What warming may be before the first reading and behind the last, K: powers of time, as where nobody reads it.
 
     A thermometer that begins and ends with the recording, to a few of its samples, leaves nothing unread.

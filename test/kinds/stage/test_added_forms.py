@@ -16,7 +16,7 @@ from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.verdict import Verdict
 from rotary_error_monitor.kinds.stage.lagging import late
 from rotary_error_monitor.kinds.stage.problem import StageProblem
-from rotary_error_monitor.twin.recording import Stream
+from rotary_error_monitor.twin.recording import SignalStream
 
 EFFECTS = load_effects(StageEffect)
 LAG = 5.0
@@ -51,7 +51,7 @@ def with_added(problem, added):
     """The same problem with signals added to its recording."""
     streams = dict(problem.recording.streams)
     for name, values in added.items():
-        streams[name] = Stream(streams[name].time, streams[name].values + values)
+        streams[name] = SignalStream(streams[name].time, streams[name].values + values)
     return StageProblem(problem.stage, dataclasses.replace(problem.recording, streams=streams), EFFECTS)
 
 

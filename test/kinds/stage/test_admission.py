@@ -22,7 +22,7 @@ from rotary_error_monitor.gap.verdict import Verdict
 from rotary_error_monitor.kinds.stage.another import check_stage, stage_statements
 from rotary_error_monitor.kinds.stage.problem import StageProblem
 from rotary_error_monitor.sources.mock import MockSettings, mock_stage
-from rotary_error_monitor.twin.recording import Stream, record_stage
+from rotary_error_monitor.twin.recording import SignalStream, record_stage
 from rotary_error_monitor.twin.stage import twin_of
 
 EFFECTS = load_effects(StageEffect)
@@ -163,7 +163,7 @@ def test_a_twin_that_states_next_to_nothing_states_nothing(demo, size):
 def test_units_that_no_effect_makes_are_refused_with_their_size(demo):
     recording, stage = demo
     arcsec = recording.streams["autocollimator"]
-    wrong = Stream(arcsec.time, np.degrees(arcsec.values) * 3600)
+    wrong = SignalStream(arcsec.time, np.degrees(arcsec.values) * 3600)
     recording = replace(recording, streams={**recording.streams, "autocollimator": wrong})
     with pytest.raises(InputError, match=r"autocollimator \S+ rad \(known effects make \S+ µrad at most\).*units"):
         check_stage(*compared(nominal(stage), recording))

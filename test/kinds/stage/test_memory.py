@@ -13,7 +13,7 @@ from rotary_error_monitor.gap.verdict import Verdict
 from rotary_error_monitor.kinds.stage.stretches import LongStageProblem
 from rotary_error_monitor.noise.channels import noise_std
 from rotary_error_monitor.sensors.library import instrument_of
-from rotary_error_monitor.twin.recording import StageRecording, Stream
+from rotary_error_monitor.twin.recording import SignalStream, StageRecording
 from rotary_error_monitor.twin.stage import twin_of
 
 RATE = 100.0
@@ -32,14 +32,14 @@ def recorded(seconds: float, seed: int = 1) -> StageRecording:
     stage, rng = load_stage(), np.random.default_rng(seed)
     time = np.arange(seconds * RATE) / RATE
     speed = np.where(time % 40 < 20, 2.0, -1.0)
-    streams = {name: Stream(time, np.zeros((len(time), 1))) for name in ("head_a", "head_b", "head_c", "head_d")}
-    streams |= {name: Stream(time, np.zeros((len(time), 2))) for name in ("autocollimator", "lvdt")}
-    streams["command"] = Stream(time, np.stack([np.cumsum(speed) / RATE, speed], axis=1))
-    streams["temperature"] = Stream(time[::100], 20.0 + 0.01 * rng.standard_normal((len(time[::100]), 1)))
+    streams = {name: SignalStream(time, np.zeros((len(time), 1))) for name in ("head_a", "head_b", "head_c", "head_d")}
+    streams |= {name: SignalStream(time, np.zeros((len(time), 2))) for name in ("autocollimator", "lvdt")}
+    streams["command"] = SignalStream(time, np.stack([np.cumsum(speed) / RATE, speed], axis=1))
+    streams["temperature"] = SignalStream(time[::100], 20.0 + 0.01 * rng.standard_normal((len(time[::100]), 1)))
     recording, std = StageRecording(0, streams), noise_std(stage)
     shown = twin_of(stage, recording).predict()
     noisy = {n: values + std[instrument_of(n)] * rng.standard_normal(values.shape) for n, values in shown.items()}
-    return StageRecording(0, streams | {name: Stream(time, values) for name, values in noisy.items()})
+    return StageRecording(0, streams | {name: SignalStream(time, values) for name, values in noisy.items()})
 
 
 def peak_of(recording: StageRecording) -> int:

@@ -16,7 +16,7 @@ from rotary_error_monitor.gap.sentences import verdict_sentence
 from rotary_error_monitor.gap.verdict import Verdict
 from rotary_error_monitor.kinds.stage.problem import StageProblem
 from rotary_error_monitor.plant.motion import Motion, Segment
-from rotary_error_monitor.twin.recording import Stream
+from rotary_error_monitor.twin.recording import SignalStream
 
 EFFECTS = load_effects(StageEffect)
 
@@ -77,7 +77,7 @@ def test_noise_of_the_thermometer_is_no_gap(stage_problem, monkeypatch):
         problem, _ = stage_problem(seed, "null", duration=40.0)
         read = problem.recording.streams["temperature"]
         noise = 0.15 * np.random.default_rng(seed).normal(size=read.values.shape)
-        streams = {**problem.recording.streams, "temperature": Stream(read.time, read.values + noise)}
+        streams = {**problem.recording.streams, "temperature": SignalStream(read.time, read.values + noise)}
         drawn.append((problem.stage, dataclasses.replace(problem.recording, streams=streams)))
 
     def verdicts():

@@ -13,7 +13,7 @@ from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.verdict import Verdict
 from rotary_error_monitor.kinds.stage.stretches import stage_problem as problem_of
-from rotary_error_monitor.twin.recording import Stream
+from rotary_error_monitor.twin.recording import SignalStream
 
 EFFECTS = load_effects(StageEffect)
 
@@ -30,7 +30,7 @@ def bought(seed, read, steps):
 def diagnosed(problem, seed, steps):
     """The problem with such a thermometer, that rounds to one of the steps, K."""
     read = problem.recording.streams["temperature"]
-    streams = {**problem.recording.streams, "temperature": Stream(read.time, bought(seed, read.values, steps))}
+    streams = {**problem.recording.streams, "temperature": SignalStream(read.time, bought(seed, read.values, steps))}
     return diagnose(problem_of(problem.stage, replace(problem.recording, streams=streams), EFFECTS))
 
 

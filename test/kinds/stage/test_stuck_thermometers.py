@@ -15,7 +15,7 @@ from world import Options, make_recording
 
 from rotary_error_monitor.kinds.stage.stretches import stage_problem
 from rotary_error_monitor.kinds.stage.thermometers import with_useful_inputs
-from rotary_error_monitor.twin.recording import StageRecording, Stream, record_stage
+from rotary_error_monitor.twin.recording import SignalStream, StageRecording, record_stage
 
 NAME, TOPIC = "thermometer_bearing", "/stage/thermometer_bearing/samples"
 
@@ -30,7 +30,7 @@ def read(noise, resolution, temperature, seed):
 
 
 def said_of(stage, shown):
-    stream = Stream(np.arange(len(shown)) * 1.0, shown[:, None])
+    stream = SignalStream(np.arange(len(shown)) * 1.0, shown[:, None])
     found, recording = with_useful_inputs(stage, StageRecording(0, {NAME: stream}))
     assert (NAME in found.inputs) == (NAME in recording.streams) == (not recording.remarks)
     return recording.remarks

@@ -15,7 +15,7 @@ from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.verdict import Verdict
 from rotary_error_monitor.kinds.stage.problem import StageProblem
-from rotary_error_monitor.twin.recording import Stream
+from rotary_error_monitor.twin.recording import SignalStream
 
 EFFECTS = load_effects(StageEffect)
 
@@ -34,7 +34,7 @@ def departing(stage_problem, seed, name, modulation):
     streams = dict(problem.recording.streams)
     for stream, values in moved.items():
         own = modulation(problem.twin.state(stream))[:, None] * (values - base[stream])
-        streams[stream] = Stream(streams[stream].time, streams[stream].values + own)
+        streams[stream] = SignalStream(streams[stream].time, streams[stream].values + own)
     return StageProblem(problem.stage, dataclasses.replace(problem.recording, streams=streams), EFFECTS)
 
 
