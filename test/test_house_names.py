@@ -47,3 +47,26 @@ def test_tests_and_examples_import_a_name_from_the_file_that_defines_it():
         if module in files and name in imported(files[module])
     ]
     assert found == []
+
+
+SEEN_TWICE = re.compile(r"cases/faults/|effects/|kinds/\w+/effects\.py")
+"""A fault in the true world and the effect as which a diagnosis finds it have one name; so have effects of machines
+that share nothing but the shop floor, such as backlash, each found by the folder of its kind.
+"""
+
+
+def test_a_public_class_name_means_one_thing():
+    found: dict[str, list[str]] = {}
+    for _, path in modules():
+        inside = str(path.relative_to(PACKAGE))
+        view = SEEN_TWICE.match(inside)
+        for node in (node for node in tree_of(path).body if isinstance(node, ast.ClassDef)):
+            found.setdefault(node.name, []).append(view[0] if view else inside)
+    twice = {name: places for name, places in found.items() if len(places) > 1 and not name.startswith("_")}
+    views = {name for name, places in twice.items() if all(map(SEEN_TWICE.match, places)) and not repeated(places)}
+    assert len(views) > 30
+    assert {name: places for name, places in twice.items() if name not in views} == {}
+
+
+def repeated(places: list[str]) -> bool:
+    return len({*places}) < len(places)

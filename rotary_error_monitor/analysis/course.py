@@ -13,7 +13,7 @@ from scipy.special import stdtrit
 from rotary_error_monitor.analysis.motion import SegmentFigures
 from rotary_error_monitor.analysis.signals import ROTATING
 from rotary_error_monitor.arrays import Array, Times
-from rotary_error_monitor.metrology.spindle_figures import COVERAGE, DRAWS, FROM_TWICE, Value
+from rotary_error_monitor.metrology.spindle_figures import COVERAGE, DRAWS, FROM_TWICE, ErrorMotionValue
 
 LEAST_WARMING = 0.1
 """Change of temperature from which a slope over it is told, K: thermometers of machines resolve some hundredths."""
@@ -54,8 +54,8 @@ class Drift:
     unit: str
     times_ns: Times
     means: Array
-    range: Value
-    slopes: Mapping[str, Value]
+    range: ErrorMotionValue
+    slopes: Mapping[str, ErrorMotionValue]
 
 
 def estimate_drifts(segments: Sequence[SegmentFigures], temperatures: Mapping[str, Samples]) -> tuple[Drift, ...]:
@@ -86,7 +86,7 @@ def _drift(key: str, segments: Sequence[SegmentFigures], temperatures: Mapping[s
     yield Drift(key, found[0][1].unit, times, means - means.mean(), wander, slopes)
 
 
-def _range(means: Array, owner: NDArray[np.int64], noise: Array) -> Value:
+def _range(means: Array, owner: NDArray[np.int64], noise: Array) -> ErrorMotionValue:
     """Largest range of means (t,), in the order of time, among those at one speed in one direction.
 
     Between directions and speeds lies what stands still at one speed, as a displacement by stamps that are apart does.
@@ -119,7 +119,7 @@ def _range(means: Array, owner: NDArray[np.int64], noise: Array) -> Value:
     factor = float(stdtrit(degrees, 0.975)) / COVERAGE
     # the correction may be wrong by as much as itself: rectangular (JCGM 100:2008, 4.3.7)
     parts = (factor * float(others.std()), correction / math.sqrt(3), drawn)
-    return Value(measured - correction, measured, math.hypot(*parts))
+    return ErrorMotionValue(measured - correction, measured, math.hypot(*parts))
 
 
 def _scatter(means: Array, owner: NDArray[np.int64]) -> tuple[float, float]:
@@ -132,7 +132,7 @@ def _scatter(means: Array, owner: NDArray[np.int64]) -> tuple[float, float]:
     return float((steps**2).mean()) / 2, float(len(steps))
 
 
-def _slope(means: Array, temperature: Array, owner: NDArray[np.int64]) -> Value | None:
+def _slope(means: Array, temperature: Array, owner: NDArray[np.int64]) -> ErrorMotionValue | None:
     """Slope over temperature with a level for each direction and speed; None where it is not told."""
     levels = (owner[:, None] == np.unique(owner)).astype(float)
     left = temperature - levels @ (levels.T @ temperature / levels.sum(axis=0))
@@ -143,4 +143,4 @@ def _slope(means: Array, temperature: Array, owner: NDArray[np.int64]) -> Value 
     slope = float(left @ means) / square
     rest = means - levels @ (levels.T @ means / levels.sum(axis=0)) - slope * left
     deviation = math.sqrt(float((rest**2).sum()) / degrees / square)
-    return Value(slope, slope, deviation * float(stdtrit(degrees, 0.975)) / COVERAGE)
+    return ErrorMotionValue(slope, slope, deviation * float(stdtrit(degrees, 0.975)) / COVERAGE)

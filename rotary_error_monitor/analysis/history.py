@@ -11,14 +11,14 @@ import numpy as np
 
 from rotary_error_monitor.analysis.result import Figure
 from rotary_error_monitor.analysis.runs import ALIKE
-from rotary_error_monitor.analysis.trend import Reach, Series, Trend, estimate_trend
+from rotary_error_monitor.analysis.trend import LimitReach, Series, Trend, estimate_trend
 from rotary_error_monitor.analysis.verdict import Conformity, Judged, Told, judge_values
 from rotary_error_monitor.description.error_motion_limits import ErrorMotionLimits
-from rotary_error_monitor.metrology.spindle_figures import COVERAGE, Value
+from rotary_error_monitor.metrology.spindle_figures import COVERAGE, ErrorMotionValue
 
 
 @dataclass(frozen=True)
-class Recorded:
+class RecordingFigures:
     """What one recording says of a stage.
 
     Attributes:
@@ -41,7 +41,7 @@ class Recorded:
 
 
 @dataclass(frozen=True)
-class Standing:
+class LimitStanding:
     """A stage beside one of its limits.
 
     Attributes:
@@ -56,7 +56,7 @@ class Standing:
     first_beyond: int | None
     closest: Trend | None
     margin: tuple[float, float] | None
-    reaching: tuple[Trend, Reach] | None
+    reaching: tuple[Trend, LimitReach] | None
 
 
 @dataclass(frozen=True)
@@ -74,10 +74,10 @@ class StageHistory:
 
     stage: str
     cell: str
-    recordings: tuple[Recorded, ...]
+    recordings: tuple[RecordingFigures, ...]
     trends: tuple[Trend, ...]
     outcome: Conformity
-    standings: tuple[Standing, ...]
+    standings: tuple[LimitStanding, ...]
     copies: tuple[str, ...]
 
     @property
@@ -92,7 +92,7 @@ class StageHistory:
 
 
 def histories(
-    recordings: Iterable[Recorded], limits: ErrorMotionLimits, false_alarms: float
+    recordings: Iterable[RecordingFigures], limits: ErrorMotionLimits, false_alarms: float
 ) -> tuple[StageHistory, ...]:
     """The recordings by stage, and what they show.
 
@@ -107,7 +107,7 @@ def histories(
 
 
 def _history(
-    stage: str, cell: str, rows: Sequence[Recorded], limits: ErrorMotionLimits, false_alarms: float
+    stage: str, cell: str, rows: Sequence[RecordingFigures], limits: ErrorMotionLimits, false_alarms: float
 ) -> StageHistory:
     first = {row.started_ns: row for row in reversed(rows)}
     kept = tuple(row for row in rows if first[row.started_ns] is row)
@@ -120,7 +120,7 @@ def _history(
     return StageHistory(stage, cell, kept, trends, judged[-1][0], standings, copies)
 
 
-def _series(rows: Sequence[Recorded]) -> Iterator[Series]:
+def _series(rows: Sequence[RecordingFigures]) -> Iterator[Series]:
     """Figures that have an uncertainty, over those recordings that tell them."""
     names = _common_names(rows)
     found: dict[tuple[str, str], dict[int, Figure]] = defaultdict(dict)
@@ -141,7 +141,7 @@ def _series(rows: Sequence[Recorded]) -> Iterator[Series]:
         )
 
 
-def _common_names(rows: Sequence[Recorded]) -> Mapping[tuple[int, str], str]:
+def _common_names(rows: Sequence[RecordingFigures]) -> Mapping[tuple[int, str], str]:
     """Name of each segment (recording, own name) in all recordings: that of the latest one at a like speed."""
     speeds: dict[tuple[bool, bool], list[tuple[float, int, str]]] = defaultdict(list)
     for place, row in enumerate(rows):
@@ -158,26 +158,26 @@ def _common_names(rows: Sequence[Recorded]) -> Mapping[tuple[int, str], str]:
     return found
 
 
-def _told(row: Recorded) -> Iterator[Told]:
+def _told(row: RecordingFigures) -> Iterator[Told]:
     """Values that limits are for: error motion values of segments."""
     for figure in row.figures:
         if figure.segment and figure.expanded_uncertainty is not None:
             signal, _, name = figure.name.rpartition(".")
             measured = figure.value if figure.measured is None else figure.measured
-            value = Value(figure.value, measured, figure.expanded_uncertainty / COVERAGE)
+            value = ErrorMotionValue(figure.value, measured, figure.expanded_uncertainty / COVERAGE)
             yield Told(signal.partition("_")[0], name, value, figure.segment, signal)
 
 
 def _standing(
     number: int, judged: Sequence[tuple[Conformity, tuple[Judged, ...]]], trends: Sequence[Trend]
-) -> Standing:
+) -> LimitStanding:
     now = judged[-1][1][number]
     beyond = [place for place, (_, rows) in enumerate(judged) if rows[number].outcome is Conformity.BEYOND]
     limited = [trend for trend in trends if _is_limited(trend.series, now.name)]
     own = [trend for trend in limited if trend.series.places[-1] == len(judged) - 1]  # of others nobody knows now
     closest = max(own, key=lambda trend: trend.now + trend.now_uncertainty, default=None)
     rising = [(trend, when) for trend in own for when in [trend.reach(now.limit)] if when is not None]
-    return Standing(
+    return LimitStanding(
         now,
         beyond[0] if beyond else None,
         closest,

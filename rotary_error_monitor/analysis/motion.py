@@ -17,7 +17,7 @@ from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.metrology.circles import CENTRES, Centre, find_centre
 from rotary_error_monitor.metrology.order_spectrum import OrderSpectrum, estimate_orders
-from rotary_error_monitor.metrology.spindle_figures import SignalNoise, Value, estimate_values, mean_noise
+from rotary_error_monitor.metrology.spindle_figures import ErrorMotionValue, SignalNoise, estimate_values, mean_noise
 from rotary_error_monitor.metrology.turns import MOST_WAVES, SAMPLES_A_WAVE, TurnProfiles
 from rotary_error_monitor.signals.rows import Keep, RowsInMemory
 from rotary_error_monitor.units import TURN
@@ -50,7 +50,7 @@ class SignalFigures:
     height: float | None
     unit: str
     turns: int
-    values: Mapping[str, Value]
+    values: Mapping[str, ErrorMotionValue]
     centres: Mapping[str, Centre]
     spectrum: OrderSpectrum | None
     angles: Array

@@ -14,7 +14,7 @@ from rotary_error_monitor.analysis.motion import SegmentFigures
 from rotary_error_monitor.analysis.positions import Positioning
 from rotary_error_monitor.analysis.verdict import Conformity, Judged
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.metrology.spindle_figures import COVERAGE, Value
+from rotary_error_monitor.metrology.spindle_figures import COVERAGE, ErrorMotionValue
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class ToolOffset:
 
 
 @dataclass(frozen=True)
-class Analysis:
+class AnalysisResult:
     """What a recording says of its stage.
 
     Attributes:
@@ -89,7 +89,7 @@ class Figure:
     bandwidth: float | None = None
 
 
-def figures_of(analysis: Analysis) -> Iterator[Figure]:
+def figures_of(analysis: AnalysisResult) -> Iterator[Figure]:
     """Every figure."""
     for segment in analysis.segments:
         yield from _of_segment(segment)
@@ -128,11 +128,11 @@ def _of_segment(segment: SegmentFigures) -> Iterator[Figure]:
             yield Figure(whole, segment.name, centre.value, expanded, signal.unit, centre.value, *common)
 
 
-def _whole(name: str, value: Value, unit: str) -> Figure:
+def _whole(name: str, value: ErrorMotionValue, unit: str) -> Figure:
     return Figure(name, "", value.value, value.expanded, unit)
 
 
-def as_mapping(analysis: Analysis, about: Mapping[str, str]) -> dict[str, Any]:
+def as_mapping(analysis: AnalysisResult, about: Mapping[str, str]) -> dict[str, Any]:
     """Content of the JSON file."""
     return {
         "about": dict(about),

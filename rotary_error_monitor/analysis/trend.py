@@ -58,7 +58,7 @@ class TrendStep:
 
 
 @dataclass(frozen=True)
-class Reach:
+class LimitReach:
     """When a limit is reached if the slope stays: timestamps (ns), an interval of 95 %; no end where none is told."""
 
     at_ns: int
@@ -122,7 +122,7 @@ class Trend:
         level = np.searchsorted(first, started_ns, side="right") - 1
         return np.asarray(self.course.levels[level] + self.course.slope * days)
 
-    def reach(self, limit: float) -> Reach | None:
+    def reach(self, limit: float) -> LimitReach | None:
         """When it rises to a limit; None where it does not rise, or is there already.
 
         The interval holds all times at which the course is not told from the limit (Fieller 1954).
@@ -143,7 +143,7 @@ class Trend:
         at_ns, earliest_ns = self._date((limit - now) / course.slope), self._date(earliest)
         if at_ns is None or earliest_ns is None:
             return None
-        return Reach(at_ns, earliest_ns, latest_ns)
+        return LimitReach(at_ns, earliest_ns, latest_ns)
 
     def _date(self, days: float) -> int | None:
         """Timestamp (ns); None beyond what 64 bits hold, the year 2262."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
 
-from rotary_error_monitor.analysis.history import StageHistory, Standing
+from rotary_error_monitor.analysis.history import LimitStanding, StageHistory
 from rotary_error_monitor.analysis.trend import Trend
 from rotary_error_monitor.analysis.verdict import Conformity
 from rotary_error_monitor.metrology.spindle_figures import COVERAGE
@@ -89,7 +89,7 @@ def _stage(stage: StageHistory) -> dict[str, Any]:
     }
 
 
-def _limit(stage: StageHistory, standing: Standing) -> dict[str, Any]:
+def _limit(stage: StageHistory, standing: LimitStanding) -> dict[str, Any]:
     reaching = standing.reaching
     return {
         **standing.now.as_mapping(),

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from rotary_error_monitor.analysis.motion import SegmentFigures
 from rotary_error_monitor.description.error_motion_limits import ErrorMotionLimits
-from rotary_error_monitor.metrology.spindle_figures import Value
+from rotary_error_monitor.metrology.spindle_figures import ErrorMotionValue
 
 
 class Conformity(Enum):
@@ -49,7 +49,7 @@ class Judged:
     name: str
     limit: float
     outcome: Conformity
-    value: Value | None
+    value: ErrorMotionValue | None
     where: tuple[str, str]
     unit: str
 
@@ -70,7 +70,7 @@ class Told(NamedTuple):
 
     quantity: str
     figure: str
-    value: Value
+    value: ErrorMotionValue
     segment: str
     signal: str
 
@@ -100,7 +100,7 @@ def _judged(name: str, limit: float, told: Sequence[Told]) -> Judged:
     return Judged(name, limit, outcome_of(value, limit), value, (where[0], where[1]), unit)
 
 
-def outcome_of(value: Value, limit: float) -> Conformity:
+def outcome_of(value: ErrorMotionValue, limit: float) -> Conformity:
     """Of one value: within where it is with its expanded uncertainty, beyond where it is without it, else open."""
     if value.value - value.expanded > limit:
         return Conformity.BEYOND

@@ -12,7 +12,7 @@ from typing import Any
 
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.gap.diagnosis import Diagnosis, diagnose
+from rotary_error_monitor.gap.diagnosis import DiagnosisResult, diagnose
 from rotary_error_monitor.gap.loading import AnyTwinFile, load_problem, load_twin
 from rotary_error_monitor.gap.normal import stack, width_of
 from rotary_error_monitor.gap.problem import Problem
@@ -87,7 +87,7 @@ def _refused(reason: str) -> dict[str, Any]:
     }
 
 
-def _gap_elsewhere(bag: Path, twin: AnyTwinFile, diagnosis: Diagnosis) -> dict[str, float]:
+def _gap_elsewhere(bag: Path, twin: AnyTwinFile, diagnosis: DiagnosisResult) -> dict[str, float]:
     problem = load_problem(bag, twin)
     causes = tuple(found.cause for found in diagnosis.causes)
     return {"before": _rms(problem, ()), "after": _rms(problem, causes)}

@@ -18,7 +18,7 @@ from rotary_error_monitor.calibration.assembly_doubts import Centres, doubt_asse
 from rotary_error_monitor.calibration.assembly_tables import MeasuredCurve, mirror_curve, ring_curve, written_names
 from rotary_error_monitor.calibration.head_comparison import AssemblyComparison, compare_assembly
 from rotary_error_monitor.calibration.yaml_document import YamlDocument, hash_source, number
-from rotary_error_monitor.calibration.yaml_text import Rows
+from rotary_error_monitor.calibration.yaml_text import YamlRows
 from rotary_error_monitor.description.provenance import Calibrated
 from rotary_error_monitor.description.stage import StageDescription, load_stage
 from rotary_error_monitor.description.table_files import FLATNESS, GRADUATION
@@ -267,7 +267,7 @@ def _set_mirror(document: YamlDocument, mirror: MirrorAssembly | None, files: Ma
 
 def _set_rows(document: YamlDocument, part: str, place: tuple[str, str], rows: list[dict[str, Any]]) -> None:
     if rows or document.get(*place):
-        document.set(part, ".".join(place), place, Rows(sorted(rows, key=lambda row: int(row["order"]))))
+        document.set(part, ".".join(place), place, YamlRows(sorted(rows, key=lambda row: int(row["order"]))))
 
 
 def _set_file(document: YamlDocument, place: tuple[str, str], file: Path | None) -> None:

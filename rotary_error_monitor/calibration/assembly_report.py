@@ -9,7 +9,7 @@ import numpy as np
 
 from rotary_error_monitor.calibration.assembly import AssemblyResult, misfit_lines
 from rotary_error_monitor.calibration.assembly_tables import MeasuredCurve, shown_orders, written_names
-from rotary_error_monitor.calibration.head_comparison import AssemblyComparison, Signal, figures
+from rotary_error_monitor.calibration.head_comparison import AssemblyComparison, ComparedSignal, figures
 from rotary_error_monitor.metrology.mirror_assembly import MirrorAssembly
 from rotary_error_monitor.metrology.ring_assembly import RingAssembly
 from rotary_error_monitor.units import ARCSEC
@@ -58,7 +58,7 @@ def _comparison_lines(comparison: AssemblyComparison | None) -> list[str]:
     return lines
 
 
-def _reversal(signal: Signal) -> str:
+def _reversal(signal: ComparedSignal) -> str:
     """What the means of both directions differ in, if both are there."""
     if signal.reversal is None:
         return "; one direction only"

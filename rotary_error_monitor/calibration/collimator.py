@@ -29,7 +29,7 @@ from rotary_error_monitor.metrology.two_axis_calibration import (
     TwoAxisCalibration,
     calibrate_two_axes,
 )
-from rotary_error_monitor.metrology.two_axis_fit import NAMES, Reference, numbers_of, response_of
+from rotary_error_monitor.metrology.two_axis_fit import NAMES, ReferenceUncertainty, numbers_of, response_of
 from rotary_error_monitor.metrology.two_axis_steps import StepReadings
 from rotary_error_monitor.units import ARCSEC
 
@@ -82,7 +82,7 @@ def calibrate_autocollimator(
     stage_file: Path,
     output: Path,
     day: date,
-    reference: Reference,
+    reference: ReferenceUncertainty,
     *,
     quadrants: Quadrants | None = None,
     keep: tuple[str, ...] = (),
@@ -126,7 +126,7 @@ def _result(
     source: Path,
     stage: StageDescription,
     steps: StepReadings,
-    reference: Reference,
+    reference: ReferenceUncertainty,
     keep: tuple[str, ...],
     drop_outliers: bool,
     quadrants: Quadrants | None,

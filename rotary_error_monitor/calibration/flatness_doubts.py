@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rotary_error_monitor.calibration.grinding import FlatnessPrediction, ground_by_phase
 from rotary_error_monitor.calibration.machine_poses import SAME_POSITION
 from rotary_error_monitor.calibration.measurements import LENGTH, LINEAR_ERROR
-from rotary_error_monitor.calibration.straightness_doubts import Doubts
+from rotary_error_monitor.calibration.straightness_doubts import StraightnessUncertainty
 from rotary_error_monitor.calibration.straightness_step import MOST_TABLE_ROWS, StraightnessResult
 from rotary_error_monitor.description.csv_tables import Column, read_table
 from rotary_error_monitor.description.machine import MachineDescription
@@ -76,7 +76,7 @@ def covariance_csv(result: StraightnessResult) -> str:
     return "\n".join([",".join(head), *rows]) + "\n"
 
 
-def covariance_factor(spliced: SplicedProfile, doubts: Doubts, positions: Array) -> Array:
+def covariance_factor(spliced: SplicedProfile, doubts: StraightnessUncertainty, positions: Array) -> Array:
     """(n, m) factor of the covariance of a spliced curve about its line at `positions` (n,), m, the largest first."""
     at = np.stack([np.interp(positions, spliced.positions, row) for row in np.eye(spliced.positions.size)], axis=1)
     covariance = at @ spliced.deviation_covariance() @ at.T * (1 + doubts.correlation)

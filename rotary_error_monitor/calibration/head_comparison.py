@@ -34,7 +34,7 @@ FINE = 1024
 
 
 @dataclass(frozen=True)
-class Signal:
+class ComparedSignal:
     """Something over the rotation, before and after what was calibrated is taken off.
 
     Attributes:
@@ -99,7 +99,7 @@ class Signal:
 
 
 @dataclass(frozen=True)
-class HeadPair(Signal):
+class HeadPair(ComparedSignal):
     """What one head reads less what another does.
 
     Attributes:
@@ -124,7 +124,7 @@ class AssemblyComparison:
     """
 
     pairs: tuple[HeadPair, ...]
-    mirror: tuple[Signal, ...]
+    mirror: tuple[ComparedSignal, ...]
     radius: float
     highest: int
     tilt_highest: int
@@ -190,7 +190,7 @@ def _between(one: float, other: float) -> float:
     return float(abs(np.angle(np.exp(1j * (one - other)))))
 
 
-def _mirror(recording: ShaftRecording, theta: Array, mirror: MirrorAssembly) -> tuple[Signal, ...]:
+def _mirror(recording: ShaftRecording, theta: Array, mirror: MirrorAssembly) -> tuple[ComparedSignal, ...]:
     assert recording.tilt is not None  # of which the mirror was found
     valid = np.ones(len(theta), np.bool_) if recording.tilt_valid is None else recording.tilt_valid
     at = (theta - recording.speed * mirror.delay)[valid]
@@ -198,7 +198,8 @@ def _mirror(recording: ShaftRecording, theta: Array, mirror: MirrorAssembly) -> 
     after = before - rotate(mirror.tilt, at) - planar_sum((*mirror.flatness, *mirror.kept), at)
     forward = recording.speed[valid] > 0
     return tuple(
-        Signal(f"tilt about {name}", at, forward, before[:, axis], after[:, axis]) for axis, name in enumerate("xy")
+        ComparedSignal(f"tilt about {name}", at, forward, before[:, axis], after[:, axis])
+        for axis, name in enumerate("xy")
     )
 
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.linalg import qr
 
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.calibration.parameters import Parameter, apply_parameters, value_of
+from rotary_error_monitor.calibration.parameters import MachineParameter, apply_parameters, value_of
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.error_model import predict_tool_offset
@@ -113,7 +113,7 @@ class Identification:
     """
 
     machine: MachineDescription
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[MachineParameter, ...]
     values: Array
     covariance: Array
     determined: NDArray[np.bool_]
@@ -148,7 +148,9 @@ class HeldOutCheck:
     limit: float
 
 
-def identify_machine(start: MachineDescription, parameters: Sequence[Parameter], poses: ProbedPoses) -> Identification:
+def identify_machine(
+    start: MachineDescription, parameters: Sequence[MachineParameter], poses: ProbedPoses
+) -> Identification:
     """All parameters by least squares, beginning at the description `start`.
 
     Raises:
@@ -183,14 +185,16 @@ def identify_machine(start: MachineDescription, parameters: Sequence[Parameter],
     )
 
 
-def estimate_jacobian(machine: MachineDescription, parameters: Sequence[Parameter], poses: ProbedPoses) -> Array:
+def estimate_jacobian(machine: MachineDescription, parameters: Sequence[MachineParameter], poses: ProbedPoses) -> Array:
     """(3n, p) derivative of the tool offset (x y z) by each parameter."""
     base = _predict(machine, poses)
     columns = [(_predict(p.added(machine, STEP), poses) - base) / STEP for p in parameters]
     return np.stack(columns, axis=1)
 
 
-def check_held_out(start: MachineDescription, parameters: Sequence[Parameter], poses: ProbedPoses) -> HeldOutCheck:
+def check_held_out(
+    start: MachineDescription, parameters: Sequence[MachineParameter], poses: ProbedPoses
+) -> HeldOutCheck:
     """Fit to all poses but each fifth one, and predict those.
 
     Raises:
@@ -259,12 +263,12 @@ def rank_with_longer_tool(identification: Identification, poses: ProbedPoses) ->
     return int(np.count_nonzero(np.linalg.svd(both, compute_uv=False) >= 1.0))
 
 
-def parameter_scales(parameters: Sequence[Parameter]) -> Array:
+def parameter_scales(parameters: Sequence[MachineParameter]) -> Array:
     """(p,) typical size of each parameter, in its unit."""
     return np.array([TYPICAL_SIZE[parameter.unit] for parameter in parameters])
 
 
-def _check(parameters: Sequence[Parameter], poses: ProbedPoses) -> None:
+def _check(parameters: Sequence[MachineParameter], poses: ProbedPoses) -> None:
     if not parameters:
         raise InputError("no parameter to identify")
     if not poses.noise > 0:
@@ -293,7 +297,7 @@ def _complement(rows: Array) -> Array:
     return np.asarray(everything[len(rows) :], dtype=np.float64)
 
 
-def _combinations(hidden: Array, parameters: Sequence[Parameter]) -> tuple[UnseenCombination, ...]:
+def _combinations(hidden: Array, parameters: Sequence[MachineParameter]) -> tuple[UnseenCombination, ...]:
     """The space of the hidden rows by a basis of few parameters each: every row owns one parameter with weight 1."""
     if not len(hidden):
         return ()

@@ -11,7 +11,7 @@ import numpy as np
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.calibration.yaml_document import YamlDocument, number, numbers
-from rotary_error_monitor.calibration.yaml_text import Rows
+from rotary_error_monitor.calibration.yaml_text import YamlRows
 from rotary_error_monitor.description.machine import (
     MachineDescription,
     component_section,
@@ -77,7 +77,7 @@ class MachineFile:
         else:
             table |= {"forward": numbers(forward), "backward": numbers(backward)}
             self._document.remove(name, f"axes.{name[2]}.reversal", ("axes", name[2], "reversal"))
-        self._document.set(name, f"errors.{name}", ("errors", name), Rows({"table": table}))
+        self._document.set(name, f"errors.{name}", ("errors", name), YamlRows({"table": table}))
 
     def set_slope(self, name: str, slope: float) -> None:
         """Beside its table, give the error component `name` a slope in m per m (or rad per m) over the axis."""
@@ -147,7 +147,7 @@ class MachineFile:
         poly = tuple(map(number, component.poly))
         harmonic = tuple(Harmonic(w.order, number(w.cos), number(w.sin)) for w in component.harmonic)
         entry = write(component_section(replace(component, poly=poly, harmonic=harmonic)))
-        self._document.set(part, f"errors.{name}", ("errors", name), Rows(entry))
+        self._document.set(part, f"errors.{name}", ("errors", name), YamlRows(entry))
 
     def _body(self, name: str) -> int:
         bodies = self._document.get("bodies")
@@ -166,7 +166,7 @@ class MachineFile:
                 self._document.set("machine", ".".join(place), place, number(getattr(axis, key)))
 
 
-def _tree(machine: MachineDescription, notes: dict[str, Any] | None) -> Rows:
+def _tree(machine: MachineDescription, notes: dict[str, Any] | None) -> YamlRows:
     """The machine as a tree of bodies, a row in one line each, all numbers with all their digits."""
     content = machine_mapping(machine)
     for row in (*content["axes"].values(), *content["bodies"]):
@@ -174,10 +174,10 @@ def _tree(machine: MachineDescription, notes: dict[str, Any] | None) -> Rows:
             if key in row and not np.any(list(_numbers_in(row[key]))):
                 del row[key]
     for name in ("axes", "bodies", "errors"):
-        content[name] = Rows(content[name])
+        content[name] = YamlRows(content[name])
     if notes:
-        content["calibration"] = Rows(notes)
-    return Rows(content)
+        content["calibration"] = YamlRows(notes)
+    return YamlRows(content)
 
 
 def _numbers_in(value: Any) -> Iterator[float]:  # noqa: ANN401 (YAML content)

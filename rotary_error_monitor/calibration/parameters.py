@@ -40,7 +40,7 @@ DEFAULT_ORDERS = Orders()
 
 
 @dataclass(frozen=True)
-class Parameter:
+class MachineParameter:
     """One number that describes a machine.
 
     Attributes:
@@ -73,7 +73,7 @@ class Parameter:
         return machine.with_location_error(owner, error)
 
 
-def list_parameters(machine: MachineDescription, orders: Orders = DEFAULT_ORDERS) -> tuple[Parameter, ...]:
+def list_parameters(machine: MachineDescription, orders: Orders = DEFAULT_ORDERS) -> tuple[MachineParameter, ...]:
     """Parameters of a machine, as few as describe it: error components by `orders`, then squareness and location.
 
     The first linear axis defines a direction, the second has one squareness error to it, the third two. Each rotary
@@ -87,7 +87,9 @@ def list_parameters(machine: MachineDescription, orders: Orders = DEFAULT_ORDERS
     )
 
 
-def apply_parameters(machine: MachineDescription, parameters: Sequence[Parameter], values: Array) -> MachineDescription:
+def apply_parameters(
+    machine: MachineDescription, parameters: Sequence[MachineParameter], values: Array
+) -> MachineDescription:
     """The machine with all these values added.
 
     Raises:
@@ -100,7 +102,7 @@ def apply_parameters(machine: MachineDescription, parameters: Sequence[Parameter
     return machine
 
 
-def value_of(machine: MachineDescription, parameter: Parameter) -> float:
+def value_of(machine: MachineDescription, parameter: MachineParameter) -> float:
     """What the machine has of a parameter now.
 
     Raises:
@@ -144,20 +146,20 @@ def _with_wave(machine: MachineDescription, name: str, wave: Harmonic) -> Machin
     return replace(machine, errors={**machine.errors, name: replace(old, harmonic=merged)})
 
 
-def _component_parameters(machine: MachineDescription, orders: Orders) -> Iterator[Parameter]:
+def _component_parameters(machine: MachineDescription, orders: Orders) -> Iterator[MachineParameter]:
     for axis in machine.axes:
         own = _along(axis)
         for place, letter in enumerate(DIRECTIONS):
             name, unit = f"E{letter}{axis.letter}", "m" if place < 3 else "rad"
             if axis.kind == "rotary":
                 for order in orders.harmonic:
-                    yield from (Parameter(f"{name}.harmonic.{order}.{part}", unit) for part in ("cos", "sin"))
+                    yield from (MachineParameter(f"{name}.harmonic.{order}.{part}", unit) for part in ("cos", "sin"))
                 continue
             powers = orders.angular if place >= 3 else orders.positioning if place == own else orders.straightness
-            yield from (Parameter(f"{name}.poly.{power}", unit) for power in powers)
+            yield from (MachineParameter(f"{name}.poly.{power}", unit) for power in powers)
 
 
-def _squareness_parameters(machine: MachineDescription) -> Iterator[Parameter]:
+def _squareness_parameters(machine: MachineDescription) -> Iterator[MachineParameter]:
     seen: list[Axis] = []
     for body in machine.bodies:
         if body.axis is None or machine.axis(body.axis).kind != "linear":
@@ -165,32 +167,34 @@ def _squareness_parameters(machine: MachineDescription) -> Iterator[Parameter]:
         axis = machine.axis(body.axis)
         for other in seen[:2]:
             normal = np.abs(np.cross(axis.direction, other.direction))
-            yield Parameter(f"{body.name}.rotation.{'xyz'[int(np.argmax(normal))]}", "rad")
+            yield MachineParameter(f"{body.name}.rotation.{'xyz'[int(np.argmax(normal))]}", "rad")
         seen.append(axis)
 
 
-def _rotary_location_parameters(machine: MachineDescription) -> Iterator[Parameter]:
+def _rotary_location_parameters(machine: MachineDescription) -> Iterator[MachineParameter]:
     first: Axis | None = None
     for body in machine.bodies:
         if body.axis is None or machine.axis(body.axis).kind != "rotary":
             continue
         axis = machine.axis(body.axis)
         own = _along(axis)
-        yield from (Parameter(f"{body.name}.rotation.{c}", "rad") for i, c in enumerate("xyz") if i != own)
+        yield from (MachineParameter(f"{body.name}.rotation.{c}", "rad") for i, c in enumerate("xyz") if i != own)
         if first is not None:
             along = _along(first)
-            yield from (Parameter(f"{body.name}.shift.{c}", "m") for i, c in enumerate("xyz") if i != along)
+            yield from (MachineParameter(f"{body.name}.shift.{c}", "m") for i, c in enumerate("xyz") if i != along)
         first = first or axis
 
 
-def _other_parameters(machine: MachineDescription, orders: Orders) -> Iterator[Parameter]:
+def _other_parameters(machine: MachineDescription, orders: Orders) -> Iterator[MachineParameter]:
     if orders.reversal:
-        yield from (Parameter(f"{a.letter}.reversal", "m" if a.kind == "linear" else "rad") for a in machine.axes)
+        yield from (
+            MachineParameter(f"{a.letter}.reversal", "m" if a.kind == "linear" else "rad") for a in machine.axes
+        )
     if orders.expansion:
-        yield from (Parameter(f"{a.letter}.expansion", "1/K") for a in machine.axes if a.kind == "linear")
+        yield from (MachineParameter(f"{a.letter}.expansion", "1/K") for a in machine.axes if a.kind == "linear")
     if orders.setup:
         for kind, unit in (("shift", "m"), ("rotation", "rad")):
-            yield from (Parameter(f"{machine.workpiece}.{kind}.{c}", unit) for c in "xyz")
+            yield from (MachineParameter(f"{machine.workpiece}.{kind}.{c}", unit) for c in "xyz")
 
 
 def _along(axis: Axis) -> int:

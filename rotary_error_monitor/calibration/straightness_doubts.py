@@ -33,7 +33,7 @@ as inches: pieces of a travel are as long as the mirror that they are measured a
 
 
 @dataclass(frozen=True)
-class Doubts:
+class StraightnessUncertainty:
     """How sure a straightness is.
 
     Attributes:
@@ -54,7 +54,7 @@ class Doubts:
     doubt: float
     misfits: tuple[str, ...]
 
-    def beside(self, misfits: tuple[str, ...], moved: float = 0.0) -> Doubts:
+    def beside(self, misfits: tuple[str, ...], moved: float = 0.0) -> StraightnessUncertainty:
         """These with further misfits, which may have moved a deviation by so many m."""
         low, high = self.error_bounds
         wider = NORMAL_95 * math.sqrt(2) * moved
@@ -68,7 +68,9 @@ class Doubts:
         )
 
 
-def find_doubts(parts: Sequence[Placed], spliced: SplicedProfile, straightness: Straightness, noise: float) -> Doubts:
+def find_doubts(
+    parts: Sequence[Placed], spliced: SplicedProfile, straightness: Straightness, noise: float
+) -> StraightnessUncertainty:
     """How sure a spliced straightness is; `noise` is the stated standard deviation of a reading, m."""
     covariance = spliced.deviation_covariance()
     between = _between(parts)
@@ -84,7 +86,7 @@ def find_doubts(parts: Sequence[Placed], spliced: SplicedProfile, straightness: 
     across = max(across, 2 * largest) * (1 + correlation)
     # what lies between the readings makes the range larger at both ends
     further = math.hypot(2 * between, math.sqrt(2) * doubt)
-    return Doubts(
+    return StraightnessUncertainty(
         uncertainty=math.hypot(math.sqrt(largest), between, doubt),
         error_uncertainty=math.hypot(math.sqrt(across), further),
         error_bounds=range_bounds(straightness.deviations, covariance * (1 + correlation), further),

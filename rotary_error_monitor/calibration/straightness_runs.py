@@ -13,13 +13,13 @@ from rotary_error_monitor.calibration.measurements import Placement, read_straig
 from rotary_error_monitor.description.column_layout import ColumnLayout
 from rotary_error_monitor.description.machine_parts import Axis
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.metrology.reference_mirror import Mirror, Segment
+from rotary_error_monitor.metrology.reference_mirror import PlacementReadings, ReferenceMirror
 from rotary_error_monitor.metrology.repeated_runs import RepeatedRuns, Run, combine_runs
 from rotary_error_monitor.metrology.splicing import SplicedProfile, splice_segments
 
 
 @dataclass(frozen=True)
-class Reading:
+class ReadingSettings:
     """How the readings of a straightness test are to be taken.
 
     Attributes:
@@ -37,7 +37,7 @@ class Reading:
 class Placed:
     """A placement's runs, what they have in common, and that without the readings that stand off."""
 
-    segment: Segment
+    segment: PlacementReadings
     runs: tuple[Run, ...]
     combined: RepeatedRuns
     without: RepeatedRuns
@@ -67,8 +67,8 @@ class Measured:
 def measure_straightness(
     path: Path,
     axis: Axis,
-    mirror: Mirror | None,
-    reading: Reading,
+    mirror: ReferenceMirror | None,
+    reading: ReadingSettings,
     spacing: float | None = None,
     layout: ColumnLayout | None = None,
 ) -> Measured:
@@ -85,7 +85,7 @@ def measure_straightness(
     return Measured(parts, spliced)
 
 
-def place_runs(placement: Placement, reading: Reading) -> Placed:
+def place_runs(placement: Placement, reading: ReadingSettings) -> Placed:
     """What the runs along one placement have in common, and the segment that it makes."""
     runs = placement.runs
     combined = combine_runs(runs, noise=reading.noise, position_noise=reading.position_noise)
@@ -101,5 +101,5 @@ def place_runs(placement: Placement, reading: Reading) -> Placed:
         # together, a spline that averages about two of them averages less
         noise = np.maximum(combined.uncertainty * math.sqrt(1 + combined.correlation), stated / 2)
     start = min(float(run.positions.min()) for run in runs)
-    segment = Segment(combined.positions, combined.mean, noise, start, placement.turned)
+    segment = PlacementReadings(combined.positions, combined.mean, noise, start, placement.turned)
     return Placed(segment, runs, combined, without)

@@ -10,15 +10,15 @@ import numpy as np
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.calibration.steps import Job
-from rotary_error_monitor.calibration.straightness_doubts import Doubts, find_doubts, unit_doubts
-from rotary_error_monitor.calibration.straightness_runs import Measured, Placed, Reading, measure_straightness
+from rotary_error_monitor.calibration.straightness_doubts import StraightnessUncertainty, find_doubts, unit_doubts
+from rotary_error_monitor.calibration.straightness_runs import Measured, Placed, ReadingSettings, measure_straightness
 from rotary_error_monitor.description.column_layout import ColumnLayout
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.description.machine_parts import Axis
 from rotary_error_monitor.errors import InputError, told_of
 from rotary_error_monitor.metrology.guideway_compensation import RotatedCurve, rotate_monotone
 from rotary_error_monitor.metrology.profile_comparison import ProfileComparison, compare_profiles
-from rotary_error_monitor.metrology.reference_mirror import Mirror
+from rotary_error_monitor.metrology.reference_mirror import ReferenceMirror
 from rotary_error_monitor.metrology.repeated_runs import FALSE_ALARM
 from rotary_error_monitor.metrology.splicing import SplicedProfile
 
@@ -38,8 +38,8 @@ class Direct:
     """
 
     source: Path
-    mirror: Mirror | None
-    reading: Reading
+    mirror: ReferenceMirror | None
+    reading: ReadingSettings
     layout: ColumnLayout | None = None
 
 
@@ -78,7 +78,7 @@ class StraightnessResult:
     spliced: SplicedProfile
     placements: tuple[Placed, ...]
     error: float
-    doubts: Doubts
+    doubts: StraightnessUncertainty
     spacing: float
     rotated: RotatedCurve | None
     comparison: ProfileComparison | None
@@ -93,7 +93,7 @@ class StraightnessResult:
 
 
 def calibrate_straightness(
-    job: Job, name: str, mirror: Mirror | None, reading: Reading, asked: Asked | None = None
+    job: Job, name: str, mirror: ReferenceMirror | None, reading: ReadingSettings, asked: Asked | None = None
 ) -> StraightnessResult:
     """Segments of a guideway, spliced, into the table of a straightness error such as EYX; one alone without a mirror.
 
@@ -152,7 +152,7 @@ def _table(spliced: SplicedProfile, deviations: Array) -> tuple[Array, Array]:
     return positions, np.interp(positions, spliced.positions, deviations)
 
 
-def _compare(axis: Axis, measured: Measured, doubts: Doubts, direct: Direct) -> ProfileComparison:
+def _compare(axis: Axis, measured: Measured, doubts: StraightnessUncertainty, direct: Direct) -> ProfileComparison:
     other = measure_straightness(direct.source, axis, direct.mirror, direct.reading, layout=direct.layout)
     further = find_doubts(other.parts, other.spliced, other.spliced.straightness(), direct.reading.noise).between
     with told_of(direct.source):

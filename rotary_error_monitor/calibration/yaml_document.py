@@ -17,7 +17,7 @@ import yaml
 from numpy.typing import NDArray
 
 from rotary_error_monitor.bags.lock import FileLock
-from rotary_error_monitor.calibration.yaml_text import LOADER, CannotChangeError, Keys, Rows, YamlText, plain
+from rotary_error_monitor.calibration.yaml_text import LOADER, CannotChangeError, Keys, YamlRows, YamlText, plain
 from rotary_error_monitor.description.provenance import MOST_HISTORY, Calibrated
 from rotary_error_monitor.description.sections import write
 from rotary_error_monitor.description.yaml_files import read_yaml
@@ -118,7 +118,7 @@ class YamlDocument:
             with _said(self._path):
                 self._text.remove((*self.section, *place))
 
-    def rewrite(self, content: Rows) -> None:
+    def rewrite(self, content: YamlRows) -> None:
         """Write the whole section anew."""
         with _said(self._path):
             self._text.set(self.section, content)
@@ -135,9 +135,9 @@ class YamlDocument:
         figures = {key: number(value) for key, value in provenance.figures.items()}
         row = write(replace(provenance, uncertainty=uncertainty, figures=figures))
         if earlier:
-            row["history"] = Rows(earlier[:MOST_HISTORY])
+            row["history"] = YamlRows(earlier[:MOST_HISTORY])
         with _said(self._path):
-            self._text.set((*self.section, "calibration", part), Rows(row))
+            self._text.set((*self.section, "calibration", part), YamlRows(row))
 
     def save(self, path: Path, check: Callable[[Path], T]) -> T:
         """Write the file, whole or not at all; `check` loads the draft beside it and gives what is in it.

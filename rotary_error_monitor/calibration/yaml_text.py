@@ -27,15 +27,15 @@ REST_OF_LINE = re.compile("[ \t]*(#[^\r\n\x85\u2028\u2029]*)?")
 
 
 @dataclass(frozen=True)
-class Rows:
+class YamlRows:
     """A mapping or a list that is written with a line for each entry; what is not in rows is written in one line."""
 
     content: Mapping[str, Any] | Sequence[Any]
 
 
 def plain(value: Any) -> Any:  # noqa: ANN401 (YAML content)
-    """The value without `Rows`, and nothing in it shared with another place."""
-    if isinstance(value, Rows):
+    """The value without `YamlRows`, and nothing in it shared with another place."""
+    if isinstance(value, YamlRows):
         return plain(value.content)
     if isinstance(value, Mapping):
         return {key: plain(part) for key, part in value.items()}
@@ -214,7 +214,7 @@ class YamlText:
 
     def _replace(self, place: _Place, value: Any) -> str | None:  # noqa: ANN401 (YAML content)
         text, node = self._text, place.node
-        rows = isinstance(value, Rows) and bool(value.content) and place.flow is None
+        rows = isinstance(value, YamlRows) and bool(value.content) and place.flow is None
         if node.flow:
             outer = place.flow or node
             stop, comment = self._rest(outer.end)
@@ -249,7 +249,7 @@ class YamlText:
             first = node.items[0][0]
             assert first is not None
             stop, _ = self._rest(node.end)
-            new = self._rows(Rows({key: value}), first.start - _line_start(text, first.start))
+            new = self._rows(YamlRows({key: value}), first.start - _line_start(text, first.start))
             self._text = text[:stop] + self._break + new + text[stop:]
             return
         at = node.items[-1][1].end if node.items else text.index("{", node.start) + 1
@@ -289,12 +289,12 @@ class YamlText:
             return end, None
         return match.end(), match.group(1)
 
-    def _rows(self, rows: Rows, column: int) -> str:
+    def _rows(self, rows: YamlRows, column: int) -> str:
         """Lines of rows that begin at `column`."""
         lines, named = [], isinstance(rows.content, Mapping)
         for key, value in rows.content.items() if isinstance(rows.content, Mapping) else enumerate(rows.content):
             start = " " * column + (f"{_key(key)}:" if named else "-")
-            if named and isinstance(value, Rows) and value.content:
+            if named and isinstance(value, YamlRows) and value.content:
                 lines += [start, self._rows(value, column + 2)]
             else:
                 lines.append(f"{start} {self._line(value, column)}")
@@ -354,7 +354,7 @@ def _check_anchors(root: _Node, node: _Node, whole: bool) -> None:
 
 def _nested(path: Keys, value: Any) -> Any:  # noqa: ANN401 (YAML content)
     for step in reversed(path):
-        value = Rows({str(step): value})
+        value = YamlRows({str(step): value})
     return value
 
 

@@ -34,8 +34,8 @@ from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.two_axis_section import Turbulence
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant.clocks import HEAD, STREAMS
-from rotary_error_monitor.plant.environment import Forces, Temperature, intermittent_forces
-from rotary_error_monitor.plant.machine import MachinePlant, Poses
+from rotary_error_monitor.plant.environment import Forces, TemperatureCourse, intermittent_forces
+from rotary_error_monitor.plant.machine import MachinePlant, MachineStates
 from rotary_error_monitor.plant.motion import Motion, random_motion, reversing_motion
 from rotary_error_monitor.plant.noise import Noise
 from rotary_error_monitor.plant.noise_forms import NoiseForm, draw_noise
@@ -108,7 +108,7 @@ class MachineCase:
 
     twin: MachineDescription
     stamps_ns: NDArray[np.int64]
-    poses: Poses
+    poses: MachineStates
     probe: NDArray[np.float64]
     temperature: NDArray[np.float64]
     truth: Truth
@@ -190,7 +190,7 @@ def _plain_stage(
         EPOCH_NS,
         motion or usual,
         intermittent_forces(seed, duration) if "force" in sensors else Forces(),
-        Temperature(rise=float(draw.uniform(1.5, 4.0)), settling=float(draw.uniform(10, 20))),
+        TemperatureCourse(rise=float(draw.uniform(1.5, 4.0)), settling=float(draw.uniform(10, 20))),
     )
     return replace(plain, clocks={name: c for name, c in plain.clocks.items() if name in sensors or HEAD in name})
 
@@ -217,7 +217,9 @@ def make_machine_case(
     count = 160 if rough else 240
     low, high = (0.95 * np.array(limits) for limits in zip(*(axis.travel for axis in machine.axes), strict=True))
     warming = 3.0 * -np.expm1(-np.arange(count) / (count / 4))
-    poses = Poses(draw.uniform(low, high, (count, len(low))), draw.choice([-1.0, 1.0], (count, len(low))), warming)
+    poses = MachineStates(
+        draw.uniform(low, high, (count, len(low))), draw.choice([-1.0, 1.0], (count, len(low))), warming
+    )
     twin = replace(machine, uncertainty=MACHINE_UNCERTAINTY) if rough else replace(machine, uncertainty={})
     varied = vary_machine(machine, MACHINE_UNCERTAINTY, draw) if rough else ()
     response = MachineResponse(MachinePlant(machine, varied), poses)

@@ -16,7 +16,7 @@ from rotary_error_monitor.cases.faults.named import Named
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.topics import samples_topic, topic_named
 from rotary_error_monitor.plant.clocks import fields_of
-from rotary_error_monitor.plant.machine import MachineFault, MachinePlant, Poses
+from rotary_error_monitor.plant.machine import MachineFault, MachinePlant, MachineStates
 from rotary_error_monitor.plant.scene import Fault
 from rotary_error_monitor.plant.stage import StagePlant
 from rotary_error_monitor.signals.blocks import NANOSECONDS
@@ -110,7 +110,7 @@ class MachineResponse(FaultResponse):
     """
 
     plain: MachinePlant
-    poses: Poses
+    poses: MachineStates
 
     def channels(self, faults: Sequence[AnyFault]) -> Mapping[str, Array]:
         """The probe, as one channel."""

@@ -24,7 +24,7 @@ from rotary_error_monitor.commands.calibration_arguments import (
 )
 from rotary_error_monitor.commands.values import finite, not_negative, positive
 from rotary_error_monitor.metrology.mirror_assembly import DELAY_STD
-from rotary_error_monitor.metrology.two_axis_fit import Reference
+from rotary_error_monitor.metrology.two_axis_fit import ReferenceUncertainty
 from rotary_error_monitor.units import ARCSEC
 
 
@@ -151,7 +151,7 @@ def _autocollimator(arguments: argparse.Namespace) -> int:
             arguments.stage,
             output,
             arguments.date or today(),
-            Reference(arguments.reference_arcsec / ARCSEC, arguments.reference_scale, roll),
+            ReferenceUncertainty(arguments.reference_arcsec / ARCSEC, arguments.reference_scale, roll),
             quadrants=Quadrants(arguments.sensitivity, tuple(arguments.dark)),
             keep=tuple(arguments.keep),
             drop_outliers=arguments.drop_outliers,

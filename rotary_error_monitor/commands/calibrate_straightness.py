@@ -9,7 +9,7 @@ from pathlib import Path
 from rotary_error_monitor.calibration.flatness_doubts import covariance_csv
 from rotary_error_monitor.calibration.measurements import read_mirror_profile
 from rotary_error_monitor.calibration.straightness_report import mirror_csv, straightness_text
-from rotary_error_monitor.calibration.straightness_runs import Reading
+from rotary_error_monitor.calibration.straightness_runs import ReadingSettings
 from rotary_error_monitor.calibration.straightness_step import (
     Asked,
     Direct,
@@ -28,7 +28,7 @@ from rotary_error_monitor.commands.values import flatness_um, not_negative, posi
 from rotary_error_monitor.description.column_layout import ColumnLayout
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.files import write_whole
-from rotary_error_monitor.metrology.reference_mirror import Mirror
+from rotary_error_monitor.metrology.reference_mirror import ReferenceMirror
 
 
 def add(steps: Subparsers[argparse.ArgumentParser]) -> None:
@@ -86,7 +86,7 @@ def _add_direct(parser: argparse.ArgumentParser) -> None:
 
 
 def _straightness(arguments: argparse.Namespace) -> int:
-    reading = Reading(arguments.noise_um * 1e-6, arguments.position_noise_mm * 1e-3, arguments.drop_outliers)
+    reading = ReadingSettings(arguments.noise_um * 1e-6, arguments.position_noise_mm * 1e-3, arguments.drop_outliers)
     read = (arguments.mirror_profile, arguments.direct)
     written = (arguments.runs_figure, arguments.mirror_form, arguments.covariance)
     with job_of(arguments, read, written) as job:
@@ -114,7 +114,9 @@ def _draw(arguments: argparse.Namespace, result: StraightnessResult) -> None:
                 draw(path, result)
 
 
-def _mirror_of(arguments: argparse.Namespace, length: str, flatness: str, profile: Path | None) -> Mirror | None:
+def _mirror_of(
+    arguments: argparse.Namespace, length: str, flatness: str, profile: Path | None
+) -> ReferenceMirror | None:
     """The mirror that two arguments say, by their names; None where neither is given.
 
     Raises:
@@ -135,10 +137,10 @@ def _mirror_of(arguments: argparse.Namespace, length: str, flatness: str, profil
         )
     height = getattr(arguments, flatness.replace("-", "_"))
     form = None if profile is None else read_mirror_profile(profile)
-    return Mirror(size * 1e-3, None if height is None else height * 1e-6, form)
+    return ReferenceMirror(size * 1e-3, None if height is None else height * 1e-6, form)
 
 
-def _direct_of(arguments: argparse.Namespace, reading: Reading) -> Direct | None:
+def _direct_of(arguments: argparse.Namespace, reading: ReadingSettings) -> Direct | None:
     mirror = _mirror_of(arguments, "direct-mirror-length-mm", "direct-flatness-um", None)
     if arguments.direct is None:
         if mirror is not None:

@@ -16,7 +16,7 @@ from types import FrameType
 from typing import TYPE_CHECKING
 
 from rotary_error_monitor.commissioning.stage_file import check_commissionable
-from rotary_error_monitor.commissioning.travel import ENOUGH, Travel, TravelWatch
+from rotary_error_monitor.commissioning.travel import ENOUGH, TravelWatch, TurnedTravel
 from rotary_error_monitor.description.stage import StageDescription, load_stage
 from rotary_error_monitor.errors import InputError, one_line
 
@@ -145,11 +145,11 @@ def _wait_for_turns(cell: LiveCell, watch: TravelWatch, duration: float) -> None
     show(watch.travel(), True)
 
 
-def _progress() -> Callable[[Travel, bool], None]:
+def _progress() -> Callable[[TurnedTravel, bool], None]:
     """Function that says how far the stage has turned: on a terminal in one line, else in few."""
     watched, last = sys.stdout.isatty(), [-1.0]
 
-    def show(travel: Travel, is_last: bool) -> None:
+    def show(travel: TurnedTravel, is_last: bool) -> None:
         forth, back = (math.degrees(each) for each in (travel.forth, travel.back))
         text = f"turned {forth:.0f}° one way, {back:.0f}° the other, of {math.degrees(ENOUGH):.0f}°"
         covered = travel.forth + travel.back

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rotary_error_monitor.commissioning.heads import ROUNDS, Angles, HeadResponse, earlier, loose, straight_part
+from rotary_error_monitor.commissioning.heads import ROUNDS, HeadAngles, HeadResponse, earlier, loose, straight_part
 from rotary_error_monitor.commissioning.response_fit import basis, fit_response
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.streams import COMMAND
@@ -32,7 +32,7 @@ class CommandFit:
     scale_std: float
 
 
-def fit_command(stage: StageDescription, angles: Angles, heads: HeadResponse) -> CommandFit:
+def fit_command(stage: StageDescription, angles: HeadAngles, heads: HeadResponse) -> CommandFit:
     """Zero and delay of the command.
 
     Raises:

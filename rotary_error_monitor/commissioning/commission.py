@@ -10,8 +10,8 @@ import numpy as np
 
 from rotary_error_monitor.commissioning.command import fit_command
 from rotary_error_monitor.commissioning.findings import CommissioningFinding, findings_of, noise_and_step
-from rotary_error_monitor.commissioning.found import Found, Shown, Stated, known_hand, origin_of, parameters
-from rotary_error_monitor.commissioning.heads import Angles, angles_of, head_response
+from rotary_error_monitor.commissioning.found import Found, Shown, StatedReadings, known_hand, origin_of, parameters
+from rotary_error_monitor.commissioning.heads import HeadAngles, angles_of, head_response
 from rotary_error_monitor.commissioning.layouts import Signs, Weighed, alternatives, weigh_layouts
 from rotary_error_monitor.commissioning.ring_model import RingPrior
 from rotary_error_monitor.commissioning.stated_curves import (
@@ -22,7 +22,7 @@ from rotary_error_monitor.commissioning.stated_curves import (
 )
 from rotary_error_monitor.commissioning.streams import CommissioningRecording, RawStream, StreamFigures, describe_stream
 from rotary_error_monitor.commissioning.tilt import fit_tilt, log_hand
-from rotary_error_monitor.commissioning.units import Unit, tilt_units
+from rotary_error_monitor.commissioning.units import AngleUnit, tilt_units
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.streams import AUTOCOLLIMATOR, COMMAND, FORCE
 from rotary_error_monitor.errors import InputError
@@ -69,7 +69,7 @@ class Commissioning:
         return all(finding.settled for finding in self.findings)
 
 
-def commission(stage: StageDescription, stated: Stated, recorded: CommissioningRecording) -> Commissioning:
+def commission(stage: StageDescription, stated: StatedReadings, recorded: CommissioningRecording) -> Commissioning:
     """What a recording of a stage that turns both ways says of it, beyond what its data sheets say.
 
     Args:
@@ -121,7 +121,9 @@ def commission(stage: StageDescription, stated: Stated, recorded: CommissioningR
     return Commissioning(figures, found, tuple(findings), weighed[0], others, shown, recorded.remarks)
 
 
-def _with_curve(stage: StageDescription, stated: Stated, shown: Shown, prior: RingPrior) -> Mapping[int, RingPrior]:
+def _with_curve(
+    stage: StageDescription, stated: StatedReadings, shown: Shown, prior: RingPrior
+) -> Mapping[int, RingPrior]:
     """What is known of the ring by the sense of the first head, with a graduation that was measured."""
     curves = {sense: ring_curve(stage, origin_of(stage, stated, shown, sense)) for sense in (1, -1)}
     return {
@@ -129,7 +131,7 @@ def _with_curve(stage: StageDescription, stated: Stated, shown: Shown, prior: Ri
     }
 
 
-def _figures(stage: StageDescription, recorded: CommissioningRecording, angles: Angles) -> dict[str, StreamFigures]:
+def _figures(stage: StageDescription, recorded: CommissioningRecording, angles: HeadAngles) -> dict[str, StreamFigures]:
     """Figures of all streams, those of angles in rad and without the wraps of a driver."""
     found = {}
     for name, stream in recorded.streams.items():
@@ -164,7 +166,9 @@ def check_azimuths(stage: StageDescription) -> None:
         raise InputError(f"encoder.heads: azimuths {azimuths.tolist()} rad show no eccentricity; expected some opposed")
 
 
-def _in_radians(stage: StageDescription, stream: RawStream, figures: StreamFigures) -> tuple[RawStream, Unit | None]:
+def _in_radians(
+    stage: StageDescription, stream: RawStream, figures: StreamFigures
+) -> tuple[RawStream, AngleUnit | None]:
     """The autocollimator's stream in rad, and the unit that it seems to be in, None where it is rad.
 
     Readings beyond the described range are of another unit: of those in which they are within it the one in which the

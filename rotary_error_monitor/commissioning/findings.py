@@ -11,7 +11,7 @@ import numpy as np
 from rotary_error_monitor.commissioning.found import Found, FoundTilt, Shown
 from rotary_error_monitor.commissioning.layouts import Layout, Weighed
 from rotary_error_monitor.commissioning.streams import CommissioningRecording, StreamFigures
-from rotary_error_monitor.commissioning.units import RADIAN, Unit
+from rotary_error_monitor.commissioning.units import RADIAN, AngleUnit
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.streams import COMMAND
 from rotary_error_monitor.metrology.distributions import chi_square_tail
@@ -70,7 +70,7 @@ def findings_of(
     likeliest: Weighed,
     others: Sequence[Weighed],
     azimuth_std: float,
-    tilt_unit: Unit | None,
+    tilt_unit: AngleUnit | None,
 ) -> Iterator[CommissioningFinding]:
     """All that is wrong, in the order in which one would put it right."""
     for name in recorded.missing:
@@ -115,7 +115,7 @@ def listed(names: Sequence[str]) -> str:
     return " and ".join([*filter(None, [", ".join(names[:-1])]), names[-1]]) if names else ""
 
 
-def _units(shown: Shown, tilt_unit: Unit | None) -> Iterator[CommissioningFinding]:
+def _units(shown: Shown, tilt_unit: AngleUnit | None) -> Iterator[CommissioningFinding]:
     for name, unit in shown.angles.unit.items():
         if unit == RADIAN:
             continue
@@ -127,7 +127,7 @@ def _units(shown: Shown, tilt_unit: Unit | None) -> Iterator[CommissioningFindin
         yield CommissioningFinding(f"autocollimator reads {tilt_unit.words}", settled=False, advice=advice)
 
 
-def _unit_advice(name: str, unit: Unit | None) -> str:
+def _unit_advice(name: str, unit: AngleUnit | None) -> str:
     """No setting of the stage file changes a unit: it is the driver's, or the device's."""
     source = "vector3" if name == "autocollimator" else "joint_state"
     node = {COMMAND: "stage_command"}.get(name, name.replace("head_", "encoder_head_"))

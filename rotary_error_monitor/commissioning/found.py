@@ -10,7 +10,7 @@ import numpy as np
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.commissioning.command import CommandFit
-from rotary_error_monitor.commissioning.heads import Angles, HeadResponse, straight_part
+from rotary_error_monitor.commissioning.heads import HeadAngles, HeadResponse, straight_part
 from rotary_error_monitor.commissioning.layouts import Layout, turned_over
 from rotary_error_monitor.commissioning.ring_model import RingFit, RingPrior
 from rotary_error_monitor.commissioning.stated_curves import mirror_rows, ring_level
@@ -37,7 +37,7 @@ than more would tell."""
 
 
 @dataclass(frozen=True)
-class Value:
+class UncertainValue:
     """A value and its standard uncertainty."""
 
     value: float
@@ -48,21 +48,21 @@ class Value:
 class FoundHead:
     """What a head has of its own; its azimuth (rad) stays near the described one where little tells it."""
 
-    azimuth: Value
-    zero: Value
+    azimuth: UncertainValue
+    zero: UncertainValue
     sign: int
-    latency: Value
-    scale: Value
+    latency: UncertainValue
+    scale: UncertainValue
 
 
 @dataclass(frozen=True)
 class FoundCommand:
     """What the command has of its own; a latency below 0 is the lag of the drive, or of all heads' stamps."""
 
-    zero: Value
+    zero: UncertainValue
     sign: int
-    latency: Value
-    scale: Value
+    latency: UncertainValue
+    scale: UncertainValue
 
 
 @dataclass(frozen=True)
@@ -80,8 +80,8 @@ class FoundTilt:
         mirrored: whether its axes are of the wrong hand.
     """
 
-    zero: tuple[Value, Value]
-    latency: Value
+    zero: tuple[UncertainValue, UncertainValue]
+    latency: UncertainValue
     axes: Axes | None
     gain: float
     roll: float
@@ -111,14 +111,14 @@ class Found:
     heads: Mapping[str, FoundHead]
     command: FoundCommand | None
     tilt: FoundTilt | None
-    eccentricity: tuple[Value, Value]
+    eccentricity: tuple[UncertainValue, UncertainValue]
     graduation: tuple[tuple[AngularHarmonic, float], ...]
     datum: str
     hidden_orders: tuple[int, ...]
 
 
 @dataclass(frozen=True)
-class Stated:
+class StatedReadings:
     """What the stage file itself states, beside what it leaves to the default: signs and zeros by stream."""
 
     signs: Collection[str] = field(default_factory=frozenset)
@@ -129,14 +129,14 @@ class Stated:
 class Shown:
     """What the instruments showed, before anything is made of it; rotation counted as the first head counts."""
 
-    angles: Angles
+    angles: HeadAngles
     heads: HeadResponse
     command: CommandFit | None
     tilt: TiltResponse | None
 
 
 def parameters(
-    stage: StageDescription, stated: Stated, shown: Shown, layout: Layout, fit: RingFit, prior: RingPrior
+    stage: StageDescription, stated: StatedReadings, shown: Shown, layout: Layout, fit: RingFit, prior: RingPrior
 ) -> Found:
     """The parameters where heads stand as a layout has it; `prior` is what its `fit` took to be known before."""
     names, sense = shown.heads.names, layout.sense
@@ -155,11 +155,11 @@ def parameters(
         latency = float(late[i] - first)
         timing = float(np.hypot(np.sqrt(straight.delay_covariance[i, i]), stage.timing("encoder")))
         heads[name.removeprefix("head_")] = FoundHead(
-            Value(float(azimuths[i] + fit.azimuth_offsets[i]), float(stds[i])),
-            Value(within_turn(zero), float(np.hypot(np.sqrt(straight.constant_covariance[i, i]), origin_std))),
+            UncertainValue(float(azimuths[i] + fit.azimuth_offsets[i]), float(stds[i])),
+            UncertainValue(within_turn(zero), float(np.hypot(np.sqrt(straight.constant_covariance[i, i]), origin_std))),
             sign,
-            Value(latency, timing),
-            Value(float(straight.scale[i]), float(np.sqrt(straight.scale_covariance[i, i]))),
+            UncertainValue(latency, timing),
+            UncertainValue(float(straight.scale[i]), float(np.sqrt(straight.scale_covariance[i, i]))),
         )
     places = [head.azimuth.value for head in heads.values()]
     turn = np.array([[np.cos(origin), np.sin(origin)], [-np.sin(origin), np.cos(origin)]])
@@ -171,7 +171,7 @@ def parameters(
         heads,
         None if shown.command is None else _command(shown, shown.command, sense, origin, first),
         None if shown.tilt is None else _tilt(stage, turned(shown.tilt, sense, origin), layout.mirrored, first),
-        (Value(float(vector[0]), float(spread[0])), Value(float(vector[1]), float(spread[1]))),
+        (UncertainValue(float(vector[0]), float(spread[0])), UncertainValue(float(vector[1]), float(spread[1]))),
         graduation,
         datum,
         tuple(order for order in _hidden(fit, prior) if order not in told),
@@ -186,7 +186,7 @@ def _first(late: Array, tilt: TiltResponse | None) -> float:
     return first
 
 
-def known_hand(stage: StageDescription, stated: Stated, shown: Shown) -> dict[tuple[int, bool], float]:
+def known_hand(stage: StageDescription, stated: StatedReadings, shown: Shown) -> dict[tuple[int, bool], float]:
     """Logarithm of the likelihood of each sense and hand by a tilt that is known otherwise, nothing where none is.
 
     What even the best of them leaves counts as noise: it is not by the hand.
@@ -206,7 +206,7 @@ def known_hand(stage: StageDescription, stated: Stated, shown: Shown) -> dict[tu
     return {way: -0.5 * square / scale for way, (square, _) in found.items()}
 
 
-def origin_of(stage: StageDescription, stated: Stated, shown: Shown, sense: int) -> float:
+def origin_of(stage: StageDescription, stated: StatedReadings, shown: Shown, sense: int) -> float:
     """By how much the mean of the heads is behind the rotation where the first head counts in that sense, rad."""
     response = shown.heads.response if sense == 1 else turned_over(shown.heads.response)
     constants = straight_part(response, sense * shown.heads.theta).constant
@@ -219,7 +219,7 @@ def within_turn(angle: float) -> float:
 
 
 def _origin(
-    stage: StageDescription, stated: Stated, shown: Shown, sense: int, constants: Array
+    stage: StageDescription, stated: StatedReadings, shown: Shown, sense: int, constants: Array
 ) -> tuple[str, float, float]:
     """What the rotation is counted from, and by how much the mean of the heads is behind the rotation, rad."""
     for i, name in enumerate(shown.heads.names):
@@ -236,10 +236,10 @@ def _origin(
 def _command(shown: Shown, fit: CommandFit, sense: int, origin: float, first: float) -> FoundCommand:
     sign = sense * shown.angles.relative[COMMAND]
     return FoundCommand(
-        Value(within_turn(sign * (sense * fit.constant - origin)), fit.constant_std),
+        UncertainValue(within_turn(sign * (sense * fit.constant - origin)), fit.constant_std),
         sign,
-        Value(fit.delay - first, fit.delay_std),
-        Value(fit.scale, fit.scale_std),
+        UncertainValue(fit.delay - first, fit.delay_std),
+        UncertainValue(fit.scale, fit.scale_std),
     )
 
 
@@ -260,8 +260,11 @@ def _tilt(stage: StageDescription, tilt: TiltResponse, mirrored: bool, first: fl
     if axes is not None and axes.std <= SURE:
         std = float(np.hypot(std, axes.std * abs(mirror)))
     return FoundTilt(
-        (Value(tilt.zero[0] - still.real, tilt.zero_std), Value(tilt.zero[1] - still.imag, tilt.zero_std)),
-        Value(tilt.delay - first, tilt.delay_std),
+        (
+            UncertainValue(tilt.zero[0] - still.real, tilt.zero_std),
+            UncertainValue(tilt.zero[1] - still.imag, tilt.zero_std),
+        ),
+        UncertainValue(tilt.delay - first, tilt.delay_std),
         axes,
         gain,
         roll,

@@ -13,7 +13,7 @@ from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.commissioning.response_fit import STRAIGHT, FittedCoefficients, basis, fit_response
 from rotary_error_monitor.commissioning.streams import RawStream
 from rotary_error_monitor.commissioning.units import (
-    Unit,
+    AngleUnit,
     angle_units,
     common_units,
     compare_speeds,
@@ -44,7 +44,7 @@ that more samples tell nothing more."""
 
 
 @dataclass(frozen=True)
-class Angles:
+class HeadAngles:
     """Streams of angles, each in radians and counted as the first head counts.
 
     Attributes:
@@ -56,13 +56,13 @@ class Angles:
     """
 
     streams: Mapping[str, tuple[NDArray[np.int64], Array]]
-    unit: Mapping[str, Unit | None]
+    unit: Mapping[str, AngleUnit | None]
     factor: Mapping[str, float]
     relative: Mapping[str, int]
     wraps: tuple[str, ...]
 
 
-def angles_of(stage: StageDescription, streams: Mapping[str, RawStream]) -> Angles:
+def angles_of(stage: StageDescription, streams: Mapping[str, RawStream]) -> HeadAngles:
     """Angles of heads, first, and command by their raw streams.
 
     Raises:
@@ -73,7 +73,7 @@ def angles_of(stage: StageDescription, streams: Mapping[str, RawStream]) -> Angl
     return angles
 
 
-def in_radians(stage: StageDescription, streams: Mapping[str, RawStream]) -> Angles:
+def in_radians(stage: StageDescription, streams: Mapping[str, RawStream]) -> HeadAngles:
     """The same of a stage that moves, however far.
 
     Raises:
@@ -81,7 +81,7 @@ def in_radians(stage: StageDescription, streams: Mapping[str, RawStream]) -> Ang
     """
     units = angle_units(stage.ring.resolution)
     carried: dict[str, tuple[NDArray[np.int64], Array]] = {}
-    by_wrap: dict[str, Unit] = {}
+    by_wrap: dict[str, AngleUnit] = {}
     for name, stream in streams.items():
         values, unit = unwrapped(stream.values[:, 0], units)
         carried[name] = stream.times_ns, values
@@ -113,8 +113,8 @@ def _likeliest(
     carried: Mapping[str, tuple[NDArray[np.int64], Array]],
     names: Sequence[str],
     ratio: Sequence[float],
-    choices: Sequence[tuple[Unit, list[Unit | None]]],
-) -> Angles:
+    choices: Sequence[tuple[AngleUnit, list[AngleUnit | None]]],
+) -> HeadAngles:
     """Angles in those units in which what the heads differ in repeats with a turn of 2 pi."""
     best, highest = None, -np.inf
     for place, (unit, others) in enumerate(choices):
@@ -134,16 +134,16 @@ def _in_units(
     carried: Mapping[str, tuple[NDArray[np.int64], Array]],
     names: Sequence[str],
     ratio: Sequence[float],
-    unit: Unit,
-    others: Sequence[Unit | None],
-) -> Angles:
+    unit: AngleUnit,
+    others: Sequence[AngleUnit | None],
+) -> HeadAngles:
     streams, factor = {}, {}
     for name, part, other in zip(names, ratio, others, strict=True):
         factor[name] = abs(part) * unit.size if other is None else other.size
         times, values = carried[name]
         streams[name] = times, (np.sign(part) * values / factor[name])[:, None]
     relative = {name: int(np.sign(part)) for name, part in zip(names, ratio, strict=True)}
-    return Angles(streams, dict(zip(names, others, strict=True)), factor, relative, ())
+    return HeadAngles(streams, dict(zip(names, others, strict=True)), factor, relative, ())
 
 
 def _repeats(stage: StageDescription, heads: Mapping[str, tuple[NDArray[np.int64], Array]]) -> float:
@@ -172,7 +172,7 @@ def _letters(heads: Mapping[str, tuple[NDArray[np.int64], Array]]) -> Mapping[st
 
 
 @dataclass(frozen=True)
-class Motion:
+class CoveredRotation:
     """How far a stage moved: what it `covered`, and the sums of its turns `forth` and `back`, rad."""
 
     covered: float
@@ -180,7 +180,7 @@ class Motion:
     back: float
 
 
-def motion_of(times: NDArray[np.int64], values: Array) -> Motion:
+def motion_of(times: NDArray[np.int64], values: Array) -> CoveredRotation:
     """Motion by times (n,) ns and continuous angles (n, 1)."""
     angle = values[:, 0]
     seconds = (times - times[0]) * 1e-9
@@ -190,10 +190,10 @@ def motion_of(times: NDArray[np.int64], values: Array) -> Motion:
     usual = float(np.quantile(np.abs(steps), 0.9))
     forth = float(steps[steps > SLOW * usual].sum())
     back = float(-steps[steps < -SLOW * usual].sum())
-    return Motion(float(np.ptp(angle)), forth, back)
+    return CoveredRotation(float(np.ptp(angle)), forth, back)
 
 
-def _check_motion(motion: Motion) -> None:
+def _check_motion(motion: CoveredRotation) -> None:
     if motion.covered < TURN:
         raise InputError(
             f"the stage moves over {np.degrees(motion.covered):.1f}° only; record a whole turn (360°) or more each "
@@ -225,7 +225,7 @@ class HeadResponse:
     theta: Array
 
 
-def head_response(stage: StageDescription, angles: Angles) -> HeadResponse:
+def head_response(stage: StageDescription, angles: HeadAngles) -> HeadResponse:
     """Responses of the heads, at times at which all of them have samples.
 
     Raises:
@@ -250,7 +250,7 @@ def head_response(stage: StageDescription, angles: Angles) -> HeadResponse:
     return HeadResponse(names, shaft, delays - found, response, theta)
 
 
-def earlier(angles: Angles, delays: Mapping[str, float]) -> dict[str, tuple[NDArray[np.int64], Array]]:
+def earlier(angles: HeadAngles, delays: Mapping[str, float]) -> dict[str, tuple[NDArray[np.int64], Array]]:
     """Streams of `delays` by their names (of heads their letters), each stamped as much (s) earlier."""
     return {
         name.removeprefix("head_"): (angles.streams[name][0] - round(delay * 1e9), angles.streams[name][1])

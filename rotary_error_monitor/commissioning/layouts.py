@@ -11,7 +11,7 @@ import numpy as np
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.commissioning.response_fit import STRAIGHT, FittedCoefficients
-from rotary_error_monitor.commissioning.ring_model import Orders, RingFit, RingPrior, fit_ring, orders_of
+from rotary_error_monitor.commissioning.ring_model import OrderCoefficients, RingFit, RingPrior, fit_ring, orders_of
 
 SWAPPED = 0.005
 """Prior probability that two heads are exchanged: a plug in the wrong socket."""
@@ -143,7 +143,7 @@ def weigh_layouts(
 
 def _posterior(
     kept: Sequence[tuple[float, int, tuple[int, ...], RingFit]],
-    whole: Mapping[int, Orders],
+    whole: Mapping[int, OrderCoefficients],
     azimuths: Array,
     priors: Mapping[int, RingPrior],
     signs: Signs,

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from rotary_error_monitor.commissioning.commission import Commissioning
 from rotary_error_monitor.commissioning.findings import described_noise, spoken
-from rotary_error_monitor.commissioning.found import FoundTilt, Value
+from rotary_error_monitor.commissioning.found import FoundTilt, UncertainValue
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.units import ARCSEC
 
@@ -98,7 +98,7 @@ def found_lines(result: Commissioning, heads: bool = True) -> Iterator[str]:
     x, y = found.eccentricity
     yield f"eccentricity of the ring: x {_shown(x, 1e6, ' µm')}, y {_shown(y, 1e6, ' µm')}"
     for row, std in found.graduation:
-        size = Value(math.hypot(row.cos, row.sin), std)
+        size = UncertainValue(math.hypot(row.cos, row.sin), std)
         yield f"graduation order {row.order}: {_shown(size, ARCSEC, ' arcsec')}"
     if found.tilt is not None:
         yield from _tilt(found.tilt)
@@ -112,15 +112,15 @@ def _tilt(tilt: FoundTilt) -> Iterator[str]:
     )
     if tilt.axes is not None:
         yield (
-            f"its gain {_shown(Value(tilt.gain, tilt.axes.std), 1, '')}, roll "
-            f"{_shown(Value(tilt.roll, tilt.axes.std), math.degrees(1), '°')}"
+            f"its gain {_shown(UncertainValue(tilt.gain, tilt.axes.std), 1, '')}, roll "
+            f"{_shown(UncertainValue(tilt.roll, tilt.axes.std), math.degrees(1), '°')}"
             + ("" if tilt.axes_told else ", not sure enough to be written")
         )
-    mirror = [Value(each, tilt.tilt_std) for each in tilt.tilt]
+    mirror = [UncertainValue(each, tilt.tilt_std) for each in tilt.tilt]
     yield f"tilt of the mirror: x {_shown(mirror[0], ARCSEC, ' arcsec')}, y {_shown(mirror[1], ARCSEC, ' arcsec')}"
 
 
-def _shown(value: Value, scale: float, unit: str) -> str:
+def _shown(value: UncertainValue, scale: float, unit: str) -> str:
     std = value.std * scale
     places = max(0, 1 - math.floor(math.log10(std))) if 0 < std < math.inf else 6
     # + 0.0: no negative zero

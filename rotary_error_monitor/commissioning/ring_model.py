@@ -57,7 +57,7 @@ class RingPrior:
 
 
 @dataclass(frozen=True)
-class Orders:
+class OrderCoefficients:
     """Coefficients of orders 1 to `highest` that heads show, as they are compared.
 
     Attributes:
@@ -73,7 +73,7 @@ class Orders:
     whitener: Array
 
 
-def orders_of(response: FittedCoefficients, highest: int | None = None) -> Orders:
+def orders_of(response: FittedCoefficients, highest: int | None = None) -> OrderCoefficients:
     """The orders of a response up to `highest`, by default all."""
     count = (response.coefficients.shape[1] - STRAIGHT) // 2
     highest = count if highest is None else min(highest, count)
@@ -81,7 +81,7 @@ def orders_of(response: FittedCoefficients, highest: int | None = None) -> Order
     values = response.channels.T @ response.coefficients[:, part]
     roots = [np.linalg.cholesky(covariance[part, part]) for covariance in response.covariances]
     whitener = np.array([solve_triangular(root, np.eye(len(root)), lower=True) for root in roots])
-    return Orders(highest, response.channels, np.einsum("cij,cj->ci", whitener, values), whitener)
+    return OrderCoefficients(highest, response.channels, np.einsum("cij,cj->ci", whitener, values), whitener)
 
 
 def head_rows(azimuth: float, highest: int, radius: float) -> Array:
@@ -166,7 +166,7 @@ class RingFit:
         return np.asarray(self.turn @ self.covariance[-turns:, -turns:] @ self.turn.T)
 
 
-def fit_ring(orders: Orders, azimuths: Array, prior: RingPrior) -> RingFit:
+def fit_ring(orders: OrderCoefficients, azimuths: Array, prior: RingPrior) -> RingFit:
     """Ring and rotor by what heads at azimuths (n,) show."""
     count, highest = len(azimuths), orders.highest
     turn = helmert(count).T if prior.curve is None else np.eye(count)

@@ -13,11 +13,11 @@ import numpy as np
 from rotary_error_monitor.bags.naming import THE_ONLY_CELL, Naming
 from rotary_error_monitor.calibration.stage_document import in_file, kept_figures, set_value
 from rotary_error_monitor.calibration.yaml_document import YamlDocument, hash_source, number
-from rotary_error_monitor.calibration.yaml_text import Rows
+from rotary_error_monitor.calibration.yaml_text import YamlRows
 from rotary_error_monitor.commissioning.bag_streams import read_streams
 from rotary_error_monitor.commissioning.commission import Commissioning, commission
 from rotary_error_monitor.commissioning.findings import is_louder
-from rotary_error_monitor.commissioning.found import Stated, Value
+from rotary_error_monitor.commissioning.found import StatedReadings, UncertainValue
 from rotary_error_monitor.description.provenance import Calibrated
 from rotary_error_monitor.description.sections import locate
 from rotary_error_monitor.description.stage import StageDescription, load_stage
@@ -73,13 +73,13 @@ def check_commissionable(stage: StageDescription, stage_file: Path) -> None:
         )
 
 
-def stated_in(stage_file: Path, letters: Iterable[str]) -> Stated:
+def stated_in(stage_file: Path, letters: Iterable[str]) -> StatedReadings:
     """What a stage file states of signs and zeros, of the heads of these letters and of the command."""
     document = YamlDocument(stage_file, "stage")
     places = {f"head_{letter}": in_file(document, ("encoder", "heads", letter)) for letter in letters}
     rows = {name: document.get(*place) for name, place in places.items()}
     rows["command"] = document.get(*in_file(document, ("command",))) or {}
-    return Stated(
+    return StatedReadings(
         frozenset(name for name, row in rows.items() if "sign" in row),
         frozenset(name for name, row in rows.items() if "zero" in row),
     )
@@ -109,7 +109,7 @@ def write_stage(
     document.save(output, load_stage)
 
 
-def rounded(value: Value) -> float:
+def rounded(value: UncertainValue) -> float:
     """The value to the digits that its uncertainty leaves."""
     if not 0 < value.std < math.inf:
         return number(value.value)
@@ -140,10 +140,14 @@ def _set_ring(document: YamlDocument, stage: StageDescription, result: Commissio
         told = {row.order for row, _ in found.graduation}
         kept = [{"order": r.order, "cos": r.cos, "sin": r.sin} for r in stage.ring.graduation if r.order not in told]
         rows = [
-            {"order": row.order, "cos": rounded(Value(row.cos, std)), "sin": rounded(Value(row.sin, std))}
+            {
+                "order": row.order,
+                "cos": rounded(UncertainValue(row.cos, std)),
+                "sin": rounded(UncertainValue(row.sin, std)),
+            }
             for row, std in found.graduation
         ]
-        set_value(document, "encoder", ("encoder", "graduation"), Rows(sorted([*kept, *rows], key=_order)))
+        set_value(document, "encoder", ("encoder", "graduation"), YamlRows(sorted([*kept, *rows], key=_order)))
         yield "largest_graduation_uncertainty", max(std for _, std in found.graduation)
     noise = louder(stage, result, (f"head_{letter}" for letter in stage.azimuths))
     if noise is not None:
@@ -205,8 +209,12 @@ def _set_autocollimator(document: YamlDocument, stage: StageDescription, result:
     set_value(document, "autocollimator", ("autocollimator", "zero"), [rounded(each) for each in tilt.zero])
     yield "zero_uncertainty", max(each.std for each in tilt.zero)
     if tilt.axes_told and tilt.axes is not None:
-        set_value(document, "autocollimator", ("autocollimator", "gain"), rounded(Value(tilt.gain, tilt.axes.std)))
-        set_value(document, "autocollimator", ("autocollimator", "roll"), rounded(Value(tilt.roll, tilt.axes.std)))
+        set_value(
+            document, "autocollimator", ("autocollimator", "gain"), rounded(UncertainValue(tilt.gain, tilt.axes.std))
+        )
+        set_value(
+            document, "autocollimator", ("autocollimator", "roll"), rounded(UncertainValue(tilt.roll, tilt.axes.std))
+        )
         yield "gain_uncertainty", tilt.axes.std * abs(tilt.gain)
         yield "roll_uncertainty", tilt.axes.std
     _set_latency(document, "autocollimator", ("autocollimator", "latency"), tilt.latency, before.latency)
@@ -218,12 +226,14 @@ def _set_mirror(document: YamlDocument, result: Commissioning) -> Figures:
     tilt = result.found.tilt
     if tilt is None or tilt.mirrored:
         return
-    values = [rounded(Value(each, tilt.tilt_std)) for each in tilt.tilt]
+    values = [rounded(UncertainValue(each, tilt.tilt_std)) for each in tilt.tilt]
     set_value(document, "mirror", ("mirror", "tilt"), values)
     yield "tilt_uncertainty", tilt.tilt_std
 
 
-def _set_latency(document: YamlDocument, part: str, place: tuple[str, ...], found: Value, before: float) -> None:
+def _set_latency(
+    document: YamlDocument, part: str, place: tuple[str, ...], found: UncertainValue, before: float
+) -> None:
     """A delay that differs from what the file has; none is negative."""
     value = max(0.0, rounded(found))
     if abs(found.value - before) > MOVED * found.std and value != before:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.arrays import Array, Complex
-from rotary_error_monitor.commissioning.heads import ROUNDS, Angles, HeadResponse, earlier, loose
+from rotary_error_monitor.commissioning.heads import ROUNDS, HeadAngles, HeadResponse, earlier, loose
 from rotary_error_monitor.commissioning.response_fit import FEW, basis, fit_response, smooth_by_correlation
 from rotary_error_monitor.commissioning.stated_curves import mirror_doubt, mirror_rows
 from rotary_error_monitor.commissioning.streams import RawStream
@@ -78,7 +78,7 @@ class TiltResponse:
 
 
 def fit_tilt(
-    stage: StageDescription, angles: Angles, heads: HeadResponse, stream: RawStream, force: RawStream | None
+    stage: StageDescription, angles: HeadAngles, heads: HeadResponse, stream: RawStream, force: RawStream | None
 ) -> TiltResponse:
     """What an autocollimator's raw stream shows.
 

@@ -39,7 +39,7 @@ SPACING_NS = NANOSECONDS // 50
 
 
 @dataclass(frozen=True)
-class Travel:
+class TurnedTravel:
     """How far a stage has turned, as far as its heads tell, rad: `forth` and `back`, and whether it stands."""
 
     forth: float = 0.0
@@ -75,20 +75,20 @@ class TravelWatch:
             with self._lock:
                 self._kept[stream].add(block)
 
-    def travel(self) -> Travel:
+    def travel(self) -> TurnedTravel:
         """How far the stage has turned each way; not at all where its heads do not tell that it moves."""
         streams = dict(self._streams())
         if not streams or not all(f"head_{letter}" in streams for letter in self._stage.azimuths):
-            return Travel()
+            return TurnedTravel()
         try:
             angles = in_radians(self._stage, streams)
         except InputError:  # what is wrong is said of the whole recording, when it is one
-            return Travel()
+            return TurnedTravel()
         times, values = next(iter(angles.streams.values()))
         motion = motion_of(times, values)
         last = values[times > times[-1] - round(REST * NANOSECONDS)]
         stands = bool(times[-1] - times[0] > REST * NANOSECONDS and np.ptp(last) < STILL)
-        return Travel(motion.forth, motion.back, stands)
+        return TurnedTravel(motion.forth, motion.back, stands)
 
     def _streams(self) -> Iterator[tuple[str, RawStream]]:
         with self._lock:

@@ -25,7 +25,7 @@ STEP = 0.02
 
 
 @dataclass(frozen=True)
-class Unit:
+class AngleUnit:
     """A unit of an angle: `size` is the reading that one radian gives, `words` complete "it reads …".
 
     Attributes:
@@ -37,7 +37,7 @@ class Unit:
     words: str
 
 
-RADIAN = Unit("rad", 1.0, "radians")
+RADIAN = AngleUnit("rad", 1.0, "radians")
 
 _WORDS = {
     "rad": RADIAN.words,
@@ -51,29 +51,31 @@ _WORDS = {
 }
 
 
-def angle_units(resolution: float) -> tuple[Unit, ...]:
+def angle_units(resolution: float) -> tuple[AngleUnit, ...]:
     """The units in which drivers tell angles, the right one first; `resolution` is one count in rad."""
     return (
-        *(Unit(name, size, _WORDS[name]) for name, size in ANGLE_UNITS.items()),
-        Unit("count", 1 / resolution, "counts"),
+        *(AngleUnit(name, size, _WORDS[name]) for name, size in ANGLE_UNITS.items()),
+        AngleUnit("count", 1 / resolution, "counts"),
         *(
-            Unit(f"{factor:g} rad", factor, f"{factor:g} times the angle, as with a wrong number of counts per line")
+            AngleUnit(
+                f"{factor:g} rad", factor, f"{factor:g} times the angle, as with a wrong number of counts per line"
+            )
             for factor in (2.0, 0.5, 4.0, 0.25)
         ),
     )
 
 
-def tilt_units() -> tuple[Unit, ...]:
+def tilt_units() -> tuple[AngleUnit, ...]:
     """The units in which drivers of autocollimators tell tilts, the right one first."""
     return tuple(unit for unit in angle_units(1.0) if unit.name in ("rad", "deg", "mrad", "urad", "arcmin", "arcsec"))
 
 
-def closest(size: float, units: Iterable[Unit]) -> Unit | None:
+def closest(size: float, units: Iterable[AngleUnit]) -> AngleUnit | None:
     """The unit of that size; None where none is within `CLOSE`."""
     return next((unit for unit in units if abs(size / unit.size - 1) < CLOSE), None)
 
 
-def unwrapped(values: Array, units: Iterable[Unit]) -> tuple[Array, Unit | None]:
+def unwrapped(values: Array, units: Iterable[AngleUnit]) -> tuple[Array, AngleUnit | None]:
     """Readings (n,) that start again after a turn carried on, and the unit that this turn is of; None where none do.
 
     What jumps by something else than a turn of one of the units stays as it is.
@@ -139,7 +141,7 @@ def _follows(speed: Array, other: Array) -> bool:
     return sizes > 0 and abs(float(speed @ other)) > 0.9 * sizes
 
 
-def common_units(ratio: Sequence[float], units: Sequence[Unit]) -> list[tuple[Unit, list[Unit | None]]]:
+def common_units(ratio: Sequence[float], units: Sequence[AngleUnit]) -> list[tuple[AngleUnit, list[AngleUnit | None]]]:
     """For each unit that the first of some streams may have, the units of all by the ratios (n,) of their speeds.
 
     Those come first in which more of the streams have the right unit; a stream whose ratio fits none has None.

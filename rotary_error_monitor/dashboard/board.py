@@ -32,7 +32,7 @@ class Action:
 
 
 @dataclass
-class Board:
+class PageBoard:
     """The parts of the page as they were drawn last; written by the node, read by the server's thread.
 
     A part is replaced as a whole, and the mapping of all of them too: no lock is needed.

@@ -9,15 +9,15 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from rotary_error_monitor.dashboard import drawing
-from rotary_error_monitor.dashboard.health import Row, Severity, Status, verdict_of
-from rotary_error_monitor.dashboard.model import AFTER, BEFORE, RADIAL, CellModel, Group, Value
+from rotary_error_monitor.dashboard.health import HealthRow, NodeStatus, Severity, verdict_of
+from rotary_error_monitor.dashboard.model import AFTER, BEFORE, RADIAL, CellModel, ShownValue, ValueGroup
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 
 PARTS = (
     *("verdict", "polar", "orbit", "figures", "offset", "correction", "gap", "recording", "health"),
     *("trend_radial", "trend_offset"),
 )
-"""Names of what `Drawn` draws."""
+"""Names of what `CardDrawer` draws."""
 
 _TREND_PERIOD = 5.0
 """s between two drawings of a day at least: a minute is less than a pixel of it."""
@@ -38,7 +38,7 @@ _AXIS_KINDS = {"µm": ("linear", "um"), "µrad": ("rotary", "urad")}
 
 
 @dataclass(frozen=True)
-class Clock:
+class ShownMoment:
     """A moment: `now` as for the model, and the timestamp (ns) that people read off."""
 
     now: float
@@ -50,7 +50,7 @@ class Clock:
         return datetime.fromtimestamp(self.now_ns / NANOSECONDS).astimezone()
 
 
-class Drawn:
+class CardDrawer:
     """Draws the parts of the page."""
 
     def __init__(self, model: CellModel, azimuths: Mapping[str, float], title: str) -> None:
@@ -64,7 +64,7 @@ class Drawn:
         self._model, self._azimuths, self._title = model, dict(azimuths), title
         self._trends: tuple[float, dict[str, str]] = (-math.inf, {})
 
-    def parts(self, clock: Clock) -> dict[str, str]:
+    def parts(self, clock: ShownMoment) -> dict[str, str]:
         """HTML of each part by its name, of `PARTS`."""
         model, now = self._model, clock.now
         rows, pictures, radius = model.rows(now), model.turns.pictures(), model.turns.radius
@@ -86,7 +86,7 @@ class Drawn:
             **self._trend(clock),
         }
 
-    def _verdict(self, rows: tuple[Row, ...], clock: Clock) -> str:
+    def _verdict(self, rows: tuple[HealthRow, ...], clock: ShownMoment) -> str:
         verdict = verdict_of(rows)
         more = f" (and {verdict.more} more below)" if verdict.more else ""
         simulated = "true" in self._model.health.figure("simulated", clock.now)
@@ -97,7 +97,7 @@ class Drawn:
             f"<p class='title'>{badge}{html.escape(self._title)} <time>{clock.local:%Y-%m-%d %H:%M:%S}</time></p>"
         )
 
-    def _trend(self, clock: Clock) -> dict[str, str]:
+    def _trend(self, clock: ShownMoment) -> dict[str, str]:
         drawn, parts = self._trends
         if clock.now - drawn >= _TREND_PERIOD:
             series = {name: self._model.trend.series(name, clock.now_ns) for name in (RADIAL, BEFORE, AFTER)}
@@ -113,14 +113,14 @@ class Drawn:
         return parts
 
 
-def values_html(group: Group) -> str:
+def values_html(group: ValueGroup) -> str:
     """The components of error motion, each with its standard uncertainty."""
     if group.age is None:
         return "<p class='none'>no error motion yet</p>"
     return f"<table class='values{_old(group)}'>{''.join(map(_value_row, group.values))}</table>{_age(group)}"
 
 
-def offset_html(before: Group, after: Group) -> str:
+def offset_html(before: ValueGroup, after: ValueGroup) -> str:
     """Tool offset without correction and what remains of it, side by side."""
     if before.age is None and after.age is None:
         return "<p class='none'>no tool offset yet: no compensation is heard</p>"
@@ -142,7 +142,7 @@ def offset_html(before: Group, after: Group) -> str:
     return f"<table class='values two{_old(old)}'>{head}{cells}</table>{_age(old)}"
 
 
-def correction_html(status: Status | None, applied: Group) -> str:
+def correction_html(status: NodeStatus | None, applied: ValueGroup) -> str:
     """Corrections in effect against their limits, and the latch."""
     parts = []
     if status is None:
@@ -162,7 +162,7 @@ def correction_html(status: Status | None, applied: Group) -> str:
     return "".join(parts)
 
 
-def gap_html(status: Status | None) -> str:
+def gap_html(status: NodeStatus | None) -> str:
     """The last verdict of the gap monitor."""
     if status is None:
         return "<p class='none'>no gap monitor is heard</p>"
@@ -179,7 +179,7 @@ def gap_html(status: Status | None) -> str:
     return "".join(lines)
 
 
-def recording_html(status: Status | None, state: Status | None) -> str:
+def recording_html(status: NodeStatus | None, state: NodeStatus | None) -> str:
     """Whether there is a recording, where, how large, and what the disk has left."""
     if status is None:
         return "<p class='none'>no recorder is heard: nothing is recorded</p>"
@@ -195,7 +195,7 @@ def recording_html(status: Status | None, state: Status | None) -> str:
     return f"<p class='large'>{_sign(bad)} {word}</p><table class='values'>{cells}</table>"
 
 
-def health_html(rows: Iterable[Row]) -> str:
+def health_html(rows: Iterable[HealthRow]) -> str:
     """Nodes and streams, worst first; what is old is greyed."""
     rows = tuple(rows)
     if not rows:
@@ -208,7 +208,7 @@ def health_html(rows: Iterable[Row]) -> str:
     return f"<ul class='health'>{bad}</ul><ul class='health well'>{well}</ul>{more}"
 
 
-def _health_row(row: Row) -> str:
+def _health_row(row: HealthRow) -> str:
     return (
         f"<li class='{'stale' if row.stale else ''}'>{_sign(row.severity)}<i>{_WORDS[row.severity]}</i>"
         f"<b>{html.escape(row.what)}</b><span>{html.escape(row.message)}</span></li>"
@@ -219,7 +219,7 @@ def _figure(svg: str, scale: str, old: bool) -> str:
     return f"<div class='drawing{' old' if old else ''}'>{svg}<p class='small'>{html.escape(scale)}</p></div>"
 
 
-def _value_row(value: Value) -> str:
+def _value_row(value: ShownValue) -> str:
     spread = f"± {_number(value.deviation)}" if math.isfinite(value.deviation) else ""
     return (
         f"<tr><th>{html.escape(value.name)}</th><td class='large'>{_number(value.value)}</td>"
@@ -227,7 +227,7 @@ def _value_row(value: Value) -> str:
     )
 
 
-def _axis_row(value: Value, figures: Mapping[str, str]) -> str:
+def _axis_row(value: ShownValue, figures: Mapping[str, str]) -> str:
     kind, unit = _AXIS_KINDS[value.unit]
     warning, error = (_float(figures.get(f"{kind}_{name}_{unit}")) for name in ("warning", "error"))
     bar = "".join(_bar(abs(value.value), warning, error)) if error > 0.0 else ""
@@ -258,11 +258,11 @@ def _key(colour: str, dash: str) -> str:
     return f'<svg class="key" viewBox="0 0 28 12">{line}</svg> '
 
 
-def _old(group: Group) -> str:
+def _old(group: ValueGroup) -> str:
     return " old" if group.is_old else ""
 
 
-def _age(group: Group) -> str:
+def _age(group: ValueGroup) -> str:
     return f"<p class='small'>{group.age:.0f} s old</p>" if group.is_old and group.age is not None else ""
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.dashboard.trend import MINUTES
-from rotary_error_monitor.pipeline.last_turn import LARGEST_PART, Picture, rounded_down
+from rotary_error_monitor.pipeline.last_turn import LARGEST_PART, TurnPicture, rounded_down
 
 # of Okabe and Ito (2008), told apart by people who see few colours
 BLUE, ORANGE, GREEN, PURPLE = "#0072b2", "#d55e00", "#009e73", "#cc79a7"
@@ -29,7 +29,7 @@ _WIDE, _TALL, _LEFT = 720.0, 130.0, 62.0
 """Size of a trend, and where its axis of time begins."""
 
 
-def polar_svg(pictures: Sequence[Picture], radius: float, azimuths: Mapping[str, float]) -> str:
+def polar_svg(pictures: Sequence[TurnPicture], radius: float, azimuths: Mapping[str, float]) -> str:
     """Polar plot of the radial error motion of the last turns, the one under way on top, with its scale.
 
     Args:
@@ -53,7 +53,7 @@ def polar_svg(pictures: Sequence[Picture], radius: float, azimuths: Mapping[str,
     return _svg(parts, "polar plot of the radial error motion")
 
 
-def orbit_svg(pictures: Sequence[Picture], radius: float) -> str:
+def orbit_svg(pictures: Sequence[TurnPicture], radius: float) -> str:
     """Orbit of the axis of rotation in the last turns, on a grid in µm."""
     magnification = pictures[-1].magnification if pictures else 0.0
     unit = _RING / (LARGEST_PART * radius)
@@ -73,7 +73,7 @@ def orbit_svg(pictures: Sequence[Picture], radius: float) -> str:
     return _svg(parts, "orbit of the axis of rotation")
 
 
-def scale_of(pictures: Sequence[Picture], radius: float, *, orbit: bool = False) -> str:
+def scale_of(pictures: Sequence[TurnPicture], radius: float, *, orbit: bool = False) -> str:
     """Magnification and scale in words; what is not observable says so."""
     magnification = pictures[-1].magnification if pictures else 0.0
     if not magnification:
@@ -127,7 +127,7 @@ def _division(magnification: float, radius: float) -> float:
     return rounded_down(LARGEST_PART * radius / magnification * (1 + 1e-9)) if magnification else 0.0
 
 
-def _turns(pictures: Sequence[Picture]) -> Iterator[tuple[Picture, bool]]:
+def _turns(pictures: Sequence[TurnPicture]) -> Iterator[tuple[TurnPicture, bool]]:
     return ((picture, place == len(pictures) - 1) for place, picture in enumerate(pictures))
 
 

@@ -55,7 +55,7 @@ _SEVERITY = {0: Severity.OK, 1: Severity.ATTENTION, _STALE_LEVEL: Severity.ATTEN
 
 
 @dataclass(frozen=True)
-class Status:
+class NodeStatus:
     """One status of `/diagnostics`.
 
     Attributes:
@@ -79,7 +79,7 @@ class Status:
 
 
 @dataclass(frozen=True)
-class Row:
+class HealthRow:
     """One line of the list.
 
     Attributes:
@@ -112,7 +112,7 @@ class Headline:
 class _Node:
     heard: float
     pauses: tuple[float, ...] = ()
-    parts: dict[str, tuple[float, Status]] = field(default_factory=dict)
+    parts: dict[str, tuple[float, NodeStatus]] = field(default_factory=dict)
 
     @property
     def patience(self) -> float:
@@ -138,7 +138,7 @@ class Health:
         self._labels = labels
         self._nodes: dict[str, _Node] = {}
 
-    def note(self, statuses: Iterable[Status], now: float) -> None:
+    def note(self, statuses: Iterable[NodeStatus], now: float) -> None:
         """Take note of what came at a time (s) of a clock that never steps; other namespaces are left out."""
         for status in statuses:
             if not status.node.startswith(self._prefix):
@@ -155,7 +155,7 @@ class Health:
             while len(node.parts) > _MOST_PARTS:
                 del node.parts[next(iter(node.parts))]
 
-    def find(self, node: str, part: str, now: float) -> Status | None:
+    def find(self, node: str, part: str, now: float) -> NodeStatus | None:
         """Latest status of a node of this namespace, by its name within it; None where it is silent or unknown."""
         found = self._nodes.get(self._prefix + node)
         if found is None or found.is_silent(now) or part not in found.parts:
@@ -167,7 +167,7 @@ class Health:
         spoken = (node for node in self._nodes.values() if not node.is_silent(now))
         return {s.figures[name] for node in spoken for _, s in node.parts.values() if name in s.figures}
 
-    def rows(self, now: float) -> tuple[Row, ...]:
+    def rows(self, now: float) -> tuple[HealthRow, ...]:
         """All that is known, worst first, then in the way of a sample; of a silent node one row."""
         for name in [name for name, node in self._nodes.items() if self._is_gone(name, node, now)]:
             del self._nodes[name]
@@ -176,12 +176,12 @@ class Health:
         ]
         return tuple(row for _, row in sorted(found, key=lambda pair: (-pair[1].severity, pair[0])))
 
-    def _of_node(self, name: str, node: _Node, now: float) -> Iterator[Row]:
+    def _of_node(self, name: str, node: _Node, now: float) -> Iterator[HealthRow]:
         shown, age = plain_node(name.removeprefix(self._prefix)), now - node.heard
         if node.is_silent(now):
             severity = Severity.FAULT if _executable(name) in _CHAIN else Severity.ATTENTION
             text = f"silent for {age:.0f} s"
-            yield Row(severity, shown, text, age, True, f"{shown} is {text}")
+            yield HealthRow(severity, shown, text, age, True, f"{shown} is {text}")
             return
         for heard, status in node.parts.values():
             topic = self._labels.get(status.part, "")
@@ -189,7 +189,7 @@ class Health:
             what = shown if not label or label == shown else f"{shown}: {label}"
             message = excerpt(status.message, _LONGEST_REASON)
             stale = status.level == _STALE_LEVEL
-            yield Row(status.severity, what, message, now - heard, stale, _reason(topic or shown, message))
+            yield HealthRow(status.severity, what, message, now - heard, stale, _reason(topic or shown, message))
 
     def _is_gone(self, name: str, node: _Node, now: float) -> bool:
         known = _executable(name) in (*_CHAIN, *_BESIDE)
@@ -200,7 +200,7 @@ class Health:
             del self._nodes[min(self._nodes, key=lambda name: self._nodes[name].heard)]
 
 
-def verdict_of(rows: Iterable[Row]) -> Headline:
+def verdict_of(rows: Iterable[HealthRow]) -> Headline:
     """The line on top, of rows that stand worst first."""
     rows = tuple(rows)
     if not rows:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.dashboard.health import Health, Row, Severity, Status
+from rotary_error_monitor.dashboard.health import Health, HealthRow, NodeStatus, Severity
 from rotary_error_monitor.dashboard.trend import DayTrend
 from rotary_error_monitor.dashboard.turns import LastTurns
 from rotary_error_monitor.errors import InputError
@@ -30,7 +30,7 @@ _ROTARY = "ABC"
 
 
 @dataclass(frozen=True)
-class Value:
+class ShownValue:
     """A number with its unit, µm or µrad.
 
     Attributes:
@@ -47,10 +47,10 @@ class Value:
 
 
 @dataclass(frozen=True)
-class Group:
+class ValueGroup:
     """Values that came together, and how long ago (s); None before the first."""
 
-    values: tuple[Value, ...]
+    values: tuple[ShownValue, ...]
     age: float | None
 
     @property
@@ -63,14 +63,14 @@ class _Timed:
     """The latest values of a kind."""
 
     def __init__(self) -> None:
-        self._values: tuple[Value, ...] = ()
+        self._values: tuple[ShownValue, ...] = ()
         self._heard: float | None = None
 
-    def put(self, values: Sequence[Value], now: float) -> None:
+    def put(self, values: Sequence[ShownValue], now: float) -> None:
         self._values, self._heard = tuple(values), now
 
-    def at(self, now: float) -> Group:
-        return Group(self._values, None if self._heard is None else now - self._heard)
+    def at(self, now: float) -> ValueGroup:
+        return ValueGroup(self._values, None if self._heard is None else now - self._heard)
 
 
 class CellModel:
@@ -118,18 +118,18 @@ class CellModel:
         if len(positions) > _MOST_AXES:
             raise InputError(f"{len(positions)} axes with corrections; expected at most {_MOST_AXES}")
         units = {axis: "µrad" if axis in self._rotary else "µm" for axis in positions}
-        values = [Value(axis, position * MICRO, units[axis]) for axis, position in positions.items()]
+        values = [ShownValue(axis, position * MICRO, units[axis]) for axis, position in positions.items()]
         self._groups["applied"].put(values, now)
 
-    def take_statuses(self, statuses: Sequence[Status], now: float) -> None:
+    def take_statuses(self, statuses: Sequence[NodeStatus], now: float) -> None:
         """Take in what nodes say on `/diagnostics`."""
         self.health.note(statuses, now)
 
-    def group(self, name: str, now: float) -> Group:
+    def group(self, name: str, now: float) -> ValueGroup:
         """Values by their kind: `motion`, `before`, `after`, `applied`."""
         return self._groups[name].at(now)
 
-    def rows(self, now: float) -> tuple[Row, ...]:
+    def rows(self, now: float) -> tuple[HealthRow, ...]:
         """The nodes and streams, worst first, and what is missing here although its node speaks."""
         rows = self.health.rows(now)
         motion = self.group("motion", now)
@@ -137,11 +137,11 @@ class CellModel:
             return rows
         since = "has come yet" if motion.age is None else f"has come for {motion.age:.1f} s"
         text = f"no error motion {since}"
-        row = Row(Severity.FAULT, "error motion", text, motion.age or 0.0, True, text)
+        row = HealthRow(Severity.FAULT, "error motion", text, motion.age or 0.0, True, text)
         at = next((place for place, each in enumerate(rows) if each.severity < Severity.FAULT), len(rows))
         return (*rows[:at], row, *rows[at:])
 
     def _put_six(self, name: str, names: Sequence[str], shown: NDArray[np.float64], now: float) -> None:
         units = ("µm",) * 3 + ("µrad",) * 3
         rows = zip(names, shown[0], units, shown[1], strict=True)
-        self._groups[name].put([Value(key, float(v), unit, float(u)) for key, v, unit, u in rows], now)
+        self._groups[name].put([ShownValue(key, float(v), unit, float(u)) for key, v, unit, u in rows], now)

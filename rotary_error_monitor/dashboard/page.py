@@ -11,7 +11,7 @@ import itertools
 from collections.abc import Callable
 from typing import Any
 
-from rotary_error_monitor.dashboard.board import Action, Board
+from rotary_error_monitor.dashboard.board import Action, PageBoard
 from rotary_error_monitor.dashboard.style import BEAT_PERIOD, SCRIPT, STYLE
 from rotary_error_monitor.errors import InputError
 
@@ -33,7 +33,7 @@ _SECTIONS = (
 """Heading, classes and parts of each section."""
 
 
-def application(board: Callable[[], Board | None]) -> Any:  # noqa: ANN401 (an ASGI application)
+def application(board: Callable[[], PageBoard | None]) -> Any:  # noqa: ANN401 (an ASGI application)
     """The application that serves the page of the board that there is when a browser asks.
 
     NiceGUI has one application a process, and so has whoever calls this: it is made once.
@@ -79,7 +79,7 @@ def begin_anew() -> None:
     core.sio.eio.start_service_task = True
 
 
-def _build(board: Board) -> None:
+def _build(board: PageBoard) -> None:
     """One browser's page."""
     from nicegui import ui
 

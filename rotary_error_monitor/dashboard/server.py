@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from rotary_error_monitor.dashboard import page
-from rotary_error_monitor.dashboard.board import Board
+from rotary_error_monitor.dashboard.board import PageBoard
 from rotary_error_monitor.errors import InputError, excerpt
 
 _BACKLOG = 64
@@ -36,14 +36,14 @@ Asgi: TypeAlias = Callable[[Scope, Callable[..., Awaitable[Any]], Callable[..., 
 class _Site:
     """NiceGUI's one application of this process, and the board that it shows now."""
 
-    board: Board | None = None
+    board: PageBoard | None = None
     application: Asgi | None = None
 
 
 class WebServer:
     """Serves the page of one board; a process serves one at a time."""
 
-    def __init__(self, board: Board, address: str, port: int) -> None:
+    def __init__(self, board: PageBoard, address: str, port: int) -> None:
         """Take the port and start.
 
         Raises:

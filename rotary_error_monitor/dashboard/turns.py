@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
-from rotary_error_monitor.pipeline.last_turn import LastTurn, Picture, magnification_of
+from rotary_error_monitor.pipeline.last_turn import LastTurn, TurnPicture, magnification_of
 from rotary_error_monitor.units import TURN
 
 
@@ -29,7 +29,7 @@ class LastTurns:
         while len(self._views) > self._most:
             del self._views[next(iter(self._views))]
 
-    def pictures(self) -> list[Picture]:
+    def pictures(self) -> list[TurnPicture]:
         """A picture a turn, the one under way last; of one magnification."""
         largest = max((view.largest for view in self._views.values()), default=0.0)
         magnification = magnification_of(largest, self.radius)

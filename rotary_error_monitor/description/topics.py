@@ -92,7 +92,7 @@ def stream_of(name: str) -> str | None:
 
 
 @dataclass(frozen=True)
-class Place:
+class TopicPlace:
     """Where a topic stands.
 
     Attributes:
@@ -117,12 +117,12 @@ def contract_topic(name: str) -> Topic | None:
     return place.topic if place is not None and not place.namespace else None
 
 
-def place_of(name: str) -> Place | None:
+def place_of(name: str) -> TopicPlace | None:
     """Namespace and topic of a name such as `/left/stage/head_a/samples`; None where it is no topic of a cell."""
     for topic, pattern in _patterns():
         found = pattern.fullmatch(name)
         if found is not None:
-            return Place(topic, found[1], found[2])
+            return TopicPlace(topic, found[1], found[2])
     return None
 
 

@@ -88,7 +88,7 @@ def _order(highest: int) -> Parameter:
 
 
 @dataclass(frozen=True)
-class Estimate:
+class ParameterEstimate:
     """Value and standard deviation of one reported parameter; tuples for vectors."""
 
     value: float | tuple[float, ...]
@@ -222,16 +222,16 @@ class Effect(Generic[Description]):
                     found[parameter.name] = float(values[i])
         return found
 
-    def report(self, values: Values, covariance: NDArray[np.float64]) -> dict[str, Estimate]:
+    def report(self, values: Values, covariance: NDArray[np.float64]) -> dict[str, ParameterEstimate]:
         """Parameters as the vocabulary names them, with standard deviations, from values and their covariance."""
         std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         found = {}
         for name, place in self.slices().items():
             value, spread = values[place], std[place]
             found[name] = (
-                Estimate(float(value[0]), float(spread[0]))
+                ParameterEstimate(float(value[0]), float(spread[0]))
                 if len(value) == 1
-                else Estimate(tuple(map(float, value)), tuple(map(float, spread)))
+                else ParameterEstimate(tuple(map(float, value)), tuple(map(float, spread)))
             )
         return found
 

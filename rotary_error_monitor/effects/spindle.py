@@ -17,8 +17,8 @@ from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.streams import AUTOCOLLIMATOR, LVDT
 from rotary_error_monitor.effects.autocollimator import planar_row
 from rotary_error_monitor.effects.effect import (
-    Estimate,
     Parameter,
+    ParameterEstimate,
     Role,
     Searched,
     Values,
@@ -133,7 +133,7 @@ class BearingAsynchronous(StageEffect):
         """`tilt * (cos(order theta), sin(order theta))`."""
         return np.asarray(values[3] * np.stack(state.harmonic(float(values[0]))).T, np.float64)
 
-    def report(self, values: Values, covariance: NDArray[np.float64]) -> dict[str, Estimate]:
+    def report(self, values: Values, covariance: NDArray[np.float64]) -> dict[str, ParameterEstimate]:
         """Order, size, tilt and phase, their spread by first-order propagation."""
         order, along, across, tilt = (float(value) for value in values)
         size = math.hypot(along, across)
@@ -145,7 +145,7 @@ class BearingAsynchronous(StageEffect):
         std = np.sqrt(np.maximum(np.diag(to_polar @ covariance @ to_polar.T), 0.0))
         polar = (order, size, tilt, math.atan2(across, along))
         return {
-            name: Estimate(value, float(spread))
+            name: ParameterEstimate(value, float(spread))
             for name, value, spread in zip(("order", "radial", "tilt", "phase"), polar, std, strict=True)
         }
 

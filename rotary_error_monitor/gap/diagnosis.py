@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.effects.effect import Cause, Estimate, Role
+from rotary_error_monitor.effects.effect import Cause, ParameterEstimate, Role
 from rotary_error_monitor.gap.alternatives import REJECTED, Alternatives, Key, rank_alternatives
-from rotary_error_monitor.gap.fitted_departures import Departure, describe
+from rotary_error_monitor.gap.fitted_departures import FittedDeparture, describe
 from rotary_error_monitor.gap.fitting import Fit
 from rotary_error_monitor.gap.judgement import judge
 from rotary_error_monitor.gap.options import FALSE_ALARMS, MOST_CAUSES
@@ -38,8 +38,8 @@ class FoundCause:
 
     cause: Cause
     probability: float
-    parameters: Mapping[str, Estimate]
-    departures: tuple[Departure, ...] = ()
+    parameters: Mapping[str, ParameterEstimate]
+    departures: tuple[FittedDeparture, ...] = ()
     beside: tuple[Cause, ...] = ()
 
     @property
@@ -78,7 +78,7 @@ class Group:
 
 
 @dataclass(frozen=True)
-class Diagnosis:
+class DiagnosisResult:
     """Outcome of one run; `as_mapping` is the content of `diagnosis.json`.
 
     Attributes:
@@ -130,7 +130,7 @@ def diagnose(
     false_alarms: float = FALSE_ALARMS,
     most_causes: int = MOST_CAUSES,
     progress: Callable[[str], None] = lambda step: None,
-) -> Diagnosis:
+) -> DiagnosisResult:
     """Diagnose a recording beside its twin.
 
     Args:
@@ -153,7 +153,7 @@ def diagnose(
     gap = measure_gap(fit, problem.conditions, None if settled else _floor(problem, fit))
     progress("where")
     causes = tuple(_found(i, fit, alternatives) for i in range(len(fit.causes)))
-    return Diagnosis(
+    return DiagnosisResult(
         told.verdict,
         causes,
         tuple(Ranked(*row) for row in alternatives.ranking),
@@ -247,7 +247,7 @@ def _plain(value: object) -> object:
     return list(value) if isinstance(value, tuple) else value
 
 
-def _estimate(estimate: Estimate) -> dict[str, Any]:
+def _estimate(estimate: ParameterEstimate) -> dict[str, Any]:
     value, std = estimate.value, estimate.std
     return {
         "value": list(value) if isinstance(value, tuple) else value,

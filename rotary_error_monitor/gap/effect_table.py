@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from rotary_error_monitor.effects.effect import AnyEffect, Estimate, Parameter, Role
+from rotary_error_monitor.effects.effect import AnyEffect, Parameter, ParameterEstimate, Role
 from rotary_error_monitor.gap.quantities import quantity
 
 
@@ -23,4 +23,4 @@ def _parameter(parameter: Parameter) -> str:
     of = f" ({parameter.size})" if parameter.size > 1 else ""
     if parameter.role is Role.FIXED:
         return f"`{parameter.name}`{of}: searched for"
-    return f"`{parameter.name}`{of}: {quantity(Estimate(parameter.scale, 0.0), parameter.unit)}"
+    return f"`{parameter.name}`{of}: {quantity(ParameterEstimate(parameter.scale, 0.0), parameter.unit)}"

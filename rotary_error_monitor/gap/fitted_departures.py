@@ -78,7 +78,7 @@ class FittedDepartures:
 
 
 @dataclass(frozen=True)
-class Departure:
+class FittedDeparture:
     """A departure as it is told.
 
     Attributes:
@@ -92,7 +92,7 @@ class Departure:
     held: bool = False
 
 
-def describe(fitted: FittedDepartures) -> tuple[Departure, ...]:
+def describe(fitted: FittedDepartures) -> tuple[FittedDeparture, ...]:
     """Departures of one cause in words, the largest first."""
     told, departures, values = [], fitted.departures, fitted.values
     for kind, share in fitted.shares().items():
@@ -107,5 +107,5 @@ def describe(fitted: FittedDepartures) -> tuple[Departure, ...]:
         held = bool(departures.effects) and all(departures.effects[i] is not None for i in np.flatnonzero(own))
         if kind in departures.whole:
             share /= max(1.0, fitted.beside)
-        told.append(Departure(largest(change[largest]), share, held))
+        told.append(FittedDeparture(largest(change[largest]), share, held))
     return tuple(sorted(told, key=lambda row: -row.share))

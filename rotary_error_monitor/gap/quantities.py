@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Sequence
 
-from rotary_error_monitor.effects.effect import Estimate
+from rotary_error_monitor.effects.effect import ParameterEstimate
 
 _PREFIXES = {0: "", -3: "m", -6: "µ", -9: "n", -12: "p"}
 _PREFIXED = re.compile(r"(m|rad|s|N)(?![\w^])")
@@ -22,7 +22,7 @@ _PLAIN = range(-2, 6)
 """Powers of ten of numbers that are written out where no prefix goes with their unit."""
 
 
-def quantity(estimate: Estimate, unit: str) -> str:
+def quantity(estimate: ParameterEstimate, unit: str) -> str:
     """Value, standard uncertainty and unit, such as `1.7090 ± 0.0024 ms`; components of a vector share one unit.
 
     Args:

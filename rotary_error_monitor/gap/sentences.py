@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from rotary_error_monitor.gap.diagnosis import Diagnosis, FoundCause, Group
+from rotary_error_monitor.gap.diagnosis import DiagnosisResult, FoundCause, Group
 from rotary_error_monitor.gap.quantities import quantity
 from rotary_error_monitor.gap.verdict import Verdict
 
 
-def verdict_sentence(diagnosis: Diagnosis) -> str:
+def verdict_sentence(diagnosis: DiagnosisResult) -> str:
     """The verdict and its causes with their sizes, in one or two sentences."""
     gap = diagnosis.gap
     if diagnosis.verdict is Verdict.NO_GAP:
@@ -21,14 +21,14 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     return " ".join(filter(None, sentences))
 
 
-def what_shrinks(diagnosis: Diagnosis) -> str:
+def what_shrinks(diagnosis: DiagnosisResult) -> str:
     """How far the gap shrinks by the causes."""
     gap = diagnosis.gap
     textbook = "" if gap.textbook_shrink is None else f", {gap.textbook_shrink:.1%} by textbook forms alone"
     return f"the gap shrinks from {gap.before:.3g} to {gap.after:.3g} times the noise ({gap.shrink:.1%}{textbook})"
 
 
-def what_is_left(diagnosis: Diagnosis) -> str:
+def what_is_left(diagnosis: DiagnosisResult) -> str:
     """Sentences on what the causes leave, or on what else the recording does not tell from them; empty of neither."""
     if diagnosis.verdict is not Verdict.EXPLAINED:
         return _left(diagnosis)
@@ -53,7 +53,7 @@ def _told_from(group: Group) -> str:
     return f"{named} from {' or '.join(others)}"
 
 
-def _left(diagnosis: Diagnosis) -> str:
+def _left(diagnosis: DiagnosisResult) -> str:
     if not diagnosis.remainder:
         return "What remains has no structure that was looked for."
     first = diagnosis.remainder[:3]

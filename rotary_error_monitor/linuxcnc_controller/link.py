@@ -14,9 +14,9 @@ from rotary_error_monitor.linuxcnc_controller.beat import ServoBeat
 from rotary_error_monitor.linuxcnc_controller.clock import NANOSECONDS, Clock, Moment
 from rotary_error_monitor.linuxcnc_controller.kinematics import ROTARY, Kinematics, Position
 from rotary_error_monitor.linuxcnc_controller.offsets import (
+    ControllerReading,
     OffsetControl,
     OffsetLimits,
-    Reading,
     commanded_velocities,
     corrections_of,
 )
@@ -97,7 +97,7 @@ class Link:
                 self._pins.write(step.counts)
         return self._state(reading, is_exact, kinematics, trouble)
 
-    def _read(self, clock: Clock) -> tuple[Reading, bool]:
+    def _read(self, clock: Clock) -> tuple[ControllerReading, bool]:
         """A look, and whether all of it is of one servo period, with the beginning of which it is stamped then."""
         if self._beat is None:
             return self._pins.read(clock), False
@@ -109,7 +109,7 @@ class Link:
                 return replace(reading, stamp_ns=beat.moment.stamp_ns), True
         return reading, False
 
-    def _check_pulse(self, reading: Reading, steady_ns: int) -> None:
+    def _check_pulse(self, reading: ControllerReading, steady_ns: int) -> None:
         if self._pulse is None or self._pulse[0] != reading.pulse:
             self._pulse, self._looks_at_rest = (reading.pulse, steady_ns), 0
         self._looks_at_rest += 1
@@ -118,7 +118,7 @@ class Link:
         if still > self._settings.pulse_timeout and self._looks_at_rest > _LOOKS_AT_REST:
             raise InputError(f"LinuxCNC's servo thread has stood still for {still:.3g} s")
 
-    def _state(self, reading: Reading, is_exact: bool, kinematics: Kinematics | None, trouble: str) -> State:
+    def _state(self, reading: ControllerReading, is_exact: bool, kinematics: Kinematics | None, trouble: str) -> State:
         joints: Position = ()
         effect: Position = ()
         if kinematics is not None:

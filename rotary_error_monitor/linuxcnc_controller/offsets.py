@@ -25,7 +25,7 @@ _STANDSTILL = 1e-12
 
 
 @dataclass(frozen=True)
-class Reading:
+class ControllerReading:
     """One consistent look at the controller, in m, rad and s.
 
     Attributes:
@@ -145,7 +145,7 @@ class OffsetControl:
         if self._course is not None:
             self._course.halt()
 
-    def step(self, reading: Reading, kinematics: Kinematics, steady_ns: int) -> OffsetAction:
+    def step(self, reading: ControllerReading, kinematics: Kinematics, steady_ns: int) -> OffsetAction:
         """What to write now, given what the controller shows, at a time of a clock that never steps (ns)."""
         blocked = _blocked(reading)
         if blocked:
@@ -160,7 +160,7 @@ class OffsetControl:
             return OffsetAction(None, WAITING)
         return self._follow(anchor, course.advance(steady_ns), reading, kinematics)
 
-    def _find_course(self, reading: Reading, kinematics: Kinematics) -> ShapedCourse | None:
+    def _find_course(self, reading: ControllerReading, kinematics: Kinematics) -> ShapedCourse | None:
         """The course from the corrections in effect to the target; none before the first."""
         if self._course is None and self._target is not None:
             self._course = ShapedCourse(
@@ -173,7 +173,7 @@ class OffsetControl:
         self._kinematics = kinematics
         return self._course
 
-    def _find_anchor(self, reading: Reading) -> _Anchor | None:
+    def _find_anchor(self, reading: ControllerReading) -> _Anchor | None:
         """The anchor, where the controller's numbers agree with it; taken anew once they disagree for good.
 
         A disagreement of one look is nothing yet: the controller takes up counts a servo period after they are written,
@@ -190,7 +190,7 @@ class OffsetControl:
             self._course = None  # it begins anew at what the other hand has left
         return self._anchor
 
-    def _agrees(self, anchor: _Anchor, reading: Reading) -> bool:
+    def _agrees(self, anchor: _Anchor, reading: ControllerReading) -> bool:
         if self._written is not None and self._written != reading.counts:
             return False
         moved = zip(reading.counts, anchor.counts, self._limits.count, strict=True)
@@ -202,7 +202,9 @@ class OffsetControl:
             for value, number, count in zip(reading.requested, expected, self._limits.count, strict=True)
         )
 
-    def _follow(self, anchor: _Anchor, corrections: Position, reading: Reading, kinematics: Kinematics) -> OffsetAction:
+    def _follow(
+        self, anchor: _Anchor, corrections: Position, reading: ControllerReading, kinematics: Kinematics
+    ) -> OffsetAction:
         wanted = solve_offsets(kinematics, reading.axes, corrections)
         start = zip(anchor.counts, anchor.requested, strict=True)
         counts = tuple(
@@ -215,7 +217,7 @@ class OffsetControl:
         return OffsetAction(counts, "")
 
 
-def _blocked(reading: Reading) -> str:
+def _blocked(reading: ControllerReading) -> str:
     """Why the controller would not take up counts now; empty where it would."""
     if not reading.enabled:
         return "the machine is off"

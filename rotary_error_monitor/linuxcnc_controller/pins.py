@@ -17,7 +17,7 @@ from rotary_error_monitor.linuxcnc_controller.kinematics import (
     RotaryTableKinematics,
     TrivialKinematics,
 )
-from rotary_error_monitor.linuxcnc_controller.offsets import Reading
+from rotary_error_monitor.linuxcnc_controller.offsets import ControllerReading
 
 TABLE_PINS = "xyzac-trt-kins"
 _LOOKS = 10
@@ -106,7 +106,7 @@ class MachinePins:
         for axis in self._axes:
             self._set(f"{axis}.eoffset-clear", "1")
 
-    def read(self, clock: Clock) -> Reading:
+    def read(self, clock: Clock) -> ControllerReading:
         """One consistent look: what two looks in a row agree on, as the servo thread writes in between now and then.
 
         It is stamped by the clock between these two: then it was so, however long anything before or after took.
@@ -120,7 +120,7 @@ class MachinePins:
             look = again
         axes, joints, requested, applied, commands, velocities = look
         value = self._hal.get_value
-        return Reading(
+        return ControllerReading(
             stamp_ns=now.stamp_ns,
             axes=axes,
             joints=joints,
@@ -140,7 +140,7 @@ class MachinePins:
         """Number that changes with every servo period: the time that the last one took."""
         return int(self._hal.get_value("motion-controller.time"))
 
-    def kinematics(self, reading: Reading) -> Kinematics | None:
+    def kinematics(self, reading: ControllerReading) -> Kinematics | None:
         """The kinematics that the controller uses now; None where it is none that this package knows.
 
         What a machine is configured to use can be switched while it runs, so the joints themselves are asked.

@@ -30,7 +30,7 @@ from rotary_error_monitor.linuxcnc_controller.instance import Instance
 from rotary_error_monitor.linuxcnc_controller.kinematics import RotaryTableKinematics
 from rotary_error_monitor.linuxcnc_controller.modules import system_program
 from rotary_error_monitor.linuxcnc_controller.protocol import Observation, ObserverSettings, Record
-from rotary_error_monitor.mock_cell.figures import Row, table
+from rotary_error_monitor.mock_cell.figures import BoundedFigure, table
 from rotary_error_monitor.plant.machine import MachinePlant, make_poses
 from rotary_error_monitor.plant.play import play
 from rotary_error_monitor.resources import config
@@ -138,7 +138,7 @@ class ToolErrors:
 
 
 @dataclass(frozen=True)
-class Seen:
+class ObservedCourse:
     """Course of a stage's axis as observed: between two observations it turns evenly."""
 
     time: NDArray[np.float64]
@@ -231,7 +231,7 @@ def evaluate(
         raise InputError("the program does not move every axis: nothing can be said of it")
     time_s = (stamp_ns - witness.epoch_ns) / NANOSECONDS
     settings = MockSettings(options.seed, witness.epoch_ns, (), forces=False, rate=options.rate)
-    seen = Seen(time_s, nominal[:, machine.letters.index(str(machine.monitored))])
+    seen = ObservedCourse(time_s, nominal[:, machine.letters.index(str(machine.monitored))])
     truth = followed_plant(stage, settings, seen).scene(time_s).error_motion[counted]
     truth[:, _AXIAL] = np.nan  # a stage says nothing along its axis: there the machine's own holds
     widths = np.array([axis.reversal for axis in machine.axes])
@@ -245,29 +245,29 @@ def evaluate(
     return ToolErrors(stamp_ns[counted], tool_error(nominal[counted]), tool_error(joints[counted]))
 
 
-def figures(errors: ToolErrors, witness: Witness) -> list[Row]:
+def figures(errors: ToolErrors, witness: Witness) -> list[BoundedFigure]:
     """What the run showed, with the bounds that it must keep."""
     rows = []
     total = {}
     for name, offsets in (("without", errors.before), ("with", errors.after)):
         length = np.linalg.norm(offsets[:, :3], axis=1)
         total[name] = float(np.sqrt(np.mean(length**2)))
-        rows.append(Row(f"{name} correction: RMS of the tool error (um)", total[name] * 1e6))
-        rows.append(Row(f"{name} correction: largest tool error (um)", float(length.max()) * 1e6))
+        rows.append(BoundedFigure(f"{name} correction: RMS of the tool error (um)", total[name] * 1e6))
+        rows.append(BoundedFigure(f"{name} correction: largest tool error (um)", float(length.max()) * 1e6))
         for index, axis in enumerate("xyz"):
             rms = float(np.sqrt(np.mean(offsets[:, index] ** 2)))
-            rows.append(Row(f"{name} correction: RMS in {axis} of the workpiece (um)", rms * 1e6))
+            rows.append(BoundedFigure(f"{name} correction: RMS in {axis} of the workpiece (um)", rms * 1e6))
     in_time = _in_time(errors.stamp_ns, witness.looks)
     before, after = (np.sum(each[in_time, :3] ** 2) for each in (errors.before, errors.after))
     share = 100 * float(np.sqrt(after / before)) if in_time.any() else np.inf
     # where corrections were held or late, the error may be what it is without them
     uncorrected = float(np.sum(errors.before[~in_time, :3] ** 2) / np.sum(errors.before[:, :3] ** 2))
     most = float(np.hypot(LARGEST_SHARE, 100 * np.sqrt(uncorrected)))
-    rows.append(Row("corrected in percent of uncorrected", 100 * total["with"] / total["without"], most, 2))
-    rows.append(Row("the same where corrections came in time", share, LARGEST_SHARE, 2))
+    rows.append(BoundedFigure("corrected in percent of uncorrected", 100 * total["with"] / total["without"], most, 2))
+    rows.append(BoundedFigure("the same where corrections came in time", share, LARGEST_SHARE, 2))
     late = 100.0 * float(np.mean([late for _, late in witness.looks])) if witness.looks else 0.0
-    rows.append(Row("corrections late or held, in percent of the time", late, LARGEST_LATE, 1))
-    rows.append(Row("processes that ended badly", len(witness.failures), 0, 0))
+    rows.append(BoundedFigure("corrections late or held, in percent of the time", late, LARGEST_LATE, 1))
+    rows.append(BoundedFigure("processes that ended badly", len(witness.failures), 0, 0))
     return rows
 
 

@@ -66,7 +66,7 @@ class LineFit:
 
 
 @dataclass(frozen=True)
-class Squareness:
+class FittedSquareness:
     """Angle between two directions less 90 degrees, and its standard uncertainty, rad."""
 
     angle: float
@@ -203,7 +203,7 @@ def find_outlying_points(line: LineFit, false_alarm: float) -> NDArray[np.int64]
     return np.asarray(found[np.argsort(-squares[found])], dtype=np.int64)
 
 
-def estimate_squareness(first: LineFit, second: LineFit) -> Squareness:
+def estimate_squareness(first: LineFit, second: LineFit) -> FittedSquareness:
     """Squareness error between two axes: the angle between their directions less 90 degrees (ISO 230-1, 3.6.7)."""
     cosine = float(first.direction @ second.direction)
     variance = float(
@@ -211,7 +211,7 @@ def estimate_squareness(first: LineFit, second: LineFit) -> Squareness:
         + first.direction @ second.direction_covariance @ first.direction
     )
     sine = math.sqrt(max(1e-12, 1 - cosine**2))
-    return Squareness(math.acos(max(-1.0, min(1.0, cosine))) - math.pi / 2, math.sqrt(variance) / sine)
+    return FittedSquareness(math.acos(max(-1.0, min(1.0, cosine))) - math.pi / 2, math.sqrt(variance) / sine)
 
 
 def estimate_location_errors(line: LineFit, nominal_point: Array, nominal_direction: Array) -> LocationErrors:

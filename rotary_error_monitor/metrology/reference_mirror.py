@@ -29,7 +29,7 @@ FORM_POINTS = 101
 
 
 @dataclass(frozen=True)
-class Mirror:
+class ReferenceMirror:
     """Reference mirror, the same for all segments.
 
     Attributes:
@@ -44,7 +44,7 @@ class Mirror:
 
 
 @dataclass(frozen=True)
-class Segment:
+class PlacementReadings:
     """Readings along one placement of the mirror.
 
     Attributes:
@@ -100,7 +100,7 @@ class MirrorForm:
         return float(np.ptp(self.heights))
 
 
-def place_segment(segment: Segment, mirror: Mirror | None, number: int) -> PlacedSegment:
+def place_segment(segment: PlacementReadings, mirror: ReferenceMirror | None, number: int) -> PlacedSegment:
     """A segment made ready; `number` counts it from 0, for messages. Without a mirror, the readings as they are.
 
     Raises:
@@ -136,7 +136,7 @@ def place_segment(segment: Segment, mirror: Mirror | None, number: int) -> Place
     return PlacedSegment(positions, heights, 2 * distance / mirror.length - 1, noise, side)
 
 
-def check_direct(segments: Sequence[Segment]) -> None:
+def check_direct(segments: Sequence[PlacementReadings]) -> None:
     """Hold that readings without a mirror need none.
 
     Raises:
@@ -159,7 +159,7 @@ class FormPrior:
     range: float
 
 
-def form_prior(parts: Sequence[PlacedSegment], mirror: Mirror | None) -> FormPrior | None:
+def form_prior(parts: Sequence[PlacedSegment], mirror: ReferenceMirror | None) -> FormPrior | None:
     """None where there is no mirror, or nothing is known of its form and no turned placement shows it."""
     if mirror is None:
         return None
@@ -174,7 +174,10 @@ def form_columns(part: PlacedSegment, orders: int) -> NDArray[np.float64]:
 
 
 def mirror_form(
-    parts: Sequence[PlacedSegment], mirror: Mirror, coefficients: NDArray[np.float64], covariance: NDArray[np.float64]
+    parts: Sequence[PlacedSegment],
+    mirror: ReferenceMirror,
+    coefficients: NDArray[np.float64],
+    covariance: NDArray[np.float64],
 ) -> MirrorForm | None:
     """Form of Legendre coefficients (orders,) m with their covariance, m²; None where no two placements tell it.
 

@@ -69,7 +69,7 @@ class SignalNoise:
 
 
 @dataclass(frozen=True)
-class Value:
+class ErrorMotionValue:
     """An error motion value.
 
     Attributes:
@@ -95,7 +95,7 @@ def sensitive_direction(radial: Array, theta: Array) -> Array:
 
 def estimate_values(
     turns: TurnProfiles, signal: int, noise: SignalNoise, *, keeps_fundamental: bool
-) -> Mapping[str, Value]:
+) -> Mapping[str, ErrorMotionValue]:
     """Error motion values by name; those that need a second turn only where there is one, none without a whole one.
 
     Args:
@@ -227,7 +227,7 @@ class _Simulation:
         once, noisy, another, *corrected = (TurnSummary(each, each, each) for each in (mean, louder, others, *more))
         return _Simulation(once, noisy, another, tuple(corrected))
 
-    def value(self, define: Callable[[TurnSummary], Array], factor: float, systematic: float) -> Value:
+    def value(self, define: Callable[[TurnSummary], Array], factor: float, systematic: float) -> ErrorMotionValue:
         """Value by its definition; `factor` goes with the scatter, for turns are few."""
         measured = float(define(self.measured))
         louder = define(self.louder)
@@ -235,7 +235,7 @@ class _Simulation:
         drawn = FROM_TWICE * float(louder.std()) / math.sqrt(DRAWS)
         # the correction may be wrong by as much as itself: rectangular (JCGM 100:2008, 4.3.7)
         parts = (factor * self._scatter(define), correction / math.sqrt(3), drawn, systematic)
-        return Value(measured - correction, measured, math.hypot(*parts))
+        return ErrorMotionValue(measured - correction, measured, math.hypot(*parts))
 
     def _scatter(self, define: Callable[[TurnSummary], Array]) -> float:
         """Standard deviation of the value, corrected where that is repeated, less that of so few repetitions."""

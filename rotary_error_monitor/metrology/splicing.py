@@ -27,10 +27,10 @@ from rotary_error_monitor.metrology.distributions import chi_square_tail
 from rotary_error_monitor.metrology.overlaps import Overlap, Residual, compare_overlaps, overlap_warnings
 from rotary_error_monitor.metrology.reference_mirror import (
     MIRROR_RANGE,
-    Mirror,
     MirrorForm,
     PlacedSegment,
-    Segment,
+    PlacementReadings,
+    ReferenceMirror,
     check_direct,
     form_columns,
     form_prior,
@@ -89,7 +89,7 @@ class SplicedProfile:
 
 
 def splice_segments(
-    segments: Sequence[Segment], mirror: Mirror | None, *, spacing: float | None = None
+    segments: Sequence[PlacementReadings], mirror: ReferenceMirror | None, *, spacing: float | None = None
 ) -> SplicedProfile:
     """Profile of a guideway from overlapping segments, all overlaps at once; from one alone where there is no mirror.
 
@@ -195,7 +195,9 @@ def _roughness(parts: Sequence[PlacedSegment]) -> float:
     return float(np.sqrt(np.mean(third**2))) if third.size else 0.0
 
 
-def _solve(parts: Sequence[PlacedSegment], mirror: Mirror | None, knots: Array, roughness: float = 0.0) -> _Solution:
+def _solve(
+    parts: Sequence[PlacedSegment], mirror: ReferenceMirror | None, knots: Array, roughness: float = 0.0
+) -> _Solution:
     """Spline, placements and mirror form: the spline's banded block is eliminated, the small rest is solved dense.
 
     Where the spline has a node for each reading, its third differences are taken to be about `roughness`, m, which

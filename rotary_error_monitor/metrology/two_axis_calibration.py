@@ -18,7 +18,13 @@ from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.distributions import chi_square_limit, chi_square_tail, f_limit
 from rotary_error_monitor.metrology.positioning import MEDIAN_OF_ABSOLUTE_NORMAL, SCALE_EFFICIENCY
 from rotary_error_monitor.metrology.repeated_runs import FALSE_ALARM
-from rotary_error_monitor.metrology.two_axis_fit import Fit, Reference, fit_steps, numbers_of, response_from
+from rotary_error_monitor.metrology.two_axis_fit import (
+    ReferenceUncertainty,
+    TwoAxisFit,
+    fit_steps,
+    numbers_of,
+    response_from,
+)
 from rotary_error_monitor.metrology.two_axis_steps import StepReadings
 
 COVERAGE = float(ndtri(0.975))
@@ -77,17 +83,17 @@ class TwoAxisCalibration:
     """
 
     steps: StepReadings
-    fit: Fit
+    fit: TwoAxisFit
     response: Response
     covariance: Array
     used: Mask
     short: tuple[int, ...]
     outliers: tuple[int, ...]
-    all_steps: Fit
+    all_steps: TwoAxisFit
     repeat: Array
     noise: Array
     variances: Array
-    reference: Reference
+    reference: ReferenceUncertainty
 
     @property
     def stds(self) -> Array:
@@ -149,7 +155,9 @@ class TwoAxisCalibration:
         return np.asarray(COVERAGE * np.sqrt(np.einsum("mai,ij,maj->ma", moved, self.covariance, moved)))
 
 
-def calibrate_two_axes(steps: StepReadings, instrument: InstrumentPrior, reference: Reference) -> TwoAxisCalibration:
+def calibrate_two_axes(
+    steps: StepReadings, instrument: InstrumentPrior, reference: ReferenceUncertainty
+) -> TwoAxisCalibration:
     """The response of an instrument from steps of a reference.
 
     Raises:
@@ -213,7 +221,7 @@ def _check_settings(steps: StepReadings, used: Mask | None = None) -> None:
         )
 
 
-def _flat_ends(steps: StepReadings, stds: Array, resolution: float, reference: Reference) -> Mask:
+def _flat_ends(steps: StepReadings, stds: Array, resolution: float, reference: ReferenceUncertainty) -> Mask:
     """(k,) steps whose reading stands at the end of an axis though the reference moves on."""
     means = steps.means
     ends: dict[tuple[int, int], Mask] = {}
@@ -237,7 +245,7 @@ def _flat_ends(steps: StepReadings, stds: Array, resolution: float, reference: R
     return flat
 
 
-def _repeat(steps: StepReadings, fit: Fit, variances: Array, used: Mask) -> Array:
+def _repeat(steps: StepReadings, fit: TwoAxisFit, variances: Array, used: Mask) -> Array:
     """(2,) by how much more visits of a setting scatter than `variances` (k, 2) say, by a median for outliers.
 
     1 where they do not, or hardly a setting is visited again.
@@ -258,8 +266,8 @@ def _repeat(steps: StepReadings, fit: Fit, variances: Array, used: Mask) -> Arra
 
 
 def _without_outliers(
-    steps: StepReadings, fit: Fit, used: Mask, limit: float, variances: Array, reference: Reference
-) -> tuple[list[int], Mask, Fit]:
+    steps: StepReadings, fit: TwoAxisFit, used: Mask, limit: float, variances: Array, reference: ReferenceUncertainty
+) -> tuple[list[int], Mask, TwoAxisFit]:
     """Steps whose chi-square against the others exceeds a limit, the worst first, those left (k,), their fit."""
     found: list[int] = []
     while len(found) < MOST_OUTLIERS * len(used):
@@ -272,7 +280,7 @@ def _without_outliers(
     return found, used, fit
 
 
-def _end_of(fit: Fit, used: Mask, step: int) -> tuple[int, int]:
+def _end_of(fit: TwoAxisFit, used: Mask, step: int) -> tuple[int, int]:
     """Axis and end (0 negative, 1 positive) beyond which a step lies farthest, over how far used steps lie."""
     from_middle = fit.fitted - fit.values[:2]
     ends = np.where(from_middle[step] > 0, from_middle[used].max(axis=0), -from_middle[used].min(axis=0))
@@ -281,7 +289,7 @@ def _end_of(fit: Fit, used: Mask, step: int) -> tuple[int, int]:
     return axis, int(from_middle[step, axis] > 0)
 
 
-def _is_short(steps: StepReadings, fit: Fit, used: Mask, step: int) -> bool:
+def _is_short(steps: StepReadings, fit: TwoAxisFit, used: Mask, step: int) -> bool:
     """Whether a step lies beyond all that fit along an axis, and reads less of it than was shown."""
     axis, end = _end_of(fit, used, step)
     sign = 1 if end else -1

@@ -62,7 +62,7 @@ LOST = 5e-6
 
 
 @dataclass(frozen=True)
-class Reference:
+class ReferenceUncertainty:
     """How sure a reference is, as standard uncertainties.
 
     Attributes:
@@ -77,7 +77,7 @@ class Reference:
 
 
 @dataclass(frozen=True)
-class Fit:
+class TwoAxisFit:
     """Fitted numbers, all in the order z, M, q, rate, lost (two, four, two, two, two).
 
     Attributes:
@@ -133,7 +133,7 @@ class Fit:
         """
         return response_of(self.values)
 
-    def response_covariance(self, reference: Reference) -> Array:
+    def response_covariance(self, reference: ReferenceUncertainty) -> Array:
         """(8, 8) covariance of the response's numbers (`NAMES`), with what all steps of the reference share."""
         steps = np.maximum(self.stds[:8] * 1e-3, np.abs(self.values[:8]) * 1e-7)
         columns = []
@@ -181,7 +181,9 @@ def response_of(values: Array) -> Response:
     )
 
 
-def fit_steps(steps: StepReadings, used: NDArray[np.bool_], variances: Array, reference: Reference) -> Fit:
+def fit_steps(
+    steps: StepReadings, used: NDArray[np.bool_], variances: Array, reference: ReferenceUncertainty
+) -> TwoAxisFit:
     """Fit the steps that are `used` (k,), whose means have variances (k, 2) by themselves.
 
     Raises:
@@ -198,7 +200,7 @@ def fit_steps(steps: StepReadings, used: NDArray[np.bool_], variances: Array, re
     off = problem.off(values)
     left = weights - weights @ jacobian @ covariance @ jacobian.T @ weights
     response_of(values)
-    return Fit(
+    return TwoAxisFit(
         values,
         covariance,
         problem.predicted(values, drifting=False),
@@ -232,7 +234,9 @@ def _settle(problem: _Problem) -> tuple[Array, Array, Array, Array]:
 class _Problem:
     """Readings, their weights and priors, for one fit."""
 
-    def __init__(self, steps: StepReadings, used: NDArray[np.bool_], variances: Array, reference: Reference) -> None:
+    def __init__(
+        self, steps: StepReadings, used: NDArray[np.bool_], variances: Array, reference: ReferenceUncertainty
+    ) -> None:
         self.means, self.reference, self.used = steps.means, steps.reference, used
         self.largest = float(np.ptp(self.means[used], axis=0).max()) / 2
         gain = float(np.linalg.norm(self.start()[_M]))

@@ -14,8 +14,8 @@ from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.wire import Topic, Wire, wire_of
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.lvdt_comparison import LvdtComparison, compare_with_lvdt
-from rotary_error_monitor.mock_cell.recorded import Recorded
-from rotary_error_monitor.mock_cell.run import FORCE_CYCLE, SPEEDS, MockCell, Recording, seconds
+from rotary_error_monitor.mock_cell.recorded import RecordedTopics
+from rotary_error_monitor.mock_cell.run import FORCE_CYCLE, SPEEDS, MockCell, RunOutcome, seconds
 from rotary_error_monitor.pipeline.corrections import OFFSET
 from rotary_error_monitor.plant.machine import MachinePlant, make_poses
 from rotary_error_monitor.plant.stage import StagePlant
@@ -36,7 +36,7 @@ _CORRECTIONS = "axis_corrections"
 
 
 @dataclass(frozen=True)
-class Row:
+class BoundedFigure:
     """One figure and its bound.
 
     Attributes:
@@ -88,7 +88,7 @@ class CellResult:
         force: (k, 3) time after the mock stage's start (s) and external force x, y (N).
     """
 
-    rows: list[Row]
+    rows: list[BoundedFigure]
     comparisons: dict[float, LvdtComparison]
     offsets: TrueOffsets
     force: NDArray[np.float64]
@@ -99,14 +99,16 @@ class CellResult:
         return all(row.ok for row in self.rows)
 
 
-def figures(cell: MockCell, recording: Recording, stage: StageDescription, machine: MachineDescription) -> CellResult:
+def figures(cell: MockCell, recording: RunOutcome, stage: StageDescription, machine: MachineDescription) -> CellResult:
     """All figures of a run.
 
     Raises:
         InputError: the bag lacks a topic that every cell has.
     """
     wire = wire_of(stage)
-    recorded = Recorded(recording.bag, [topic for topic in wire if topic.is_sample_block or topic.key == _CORRECTIONS])
+    recorded = RecordedTopics(
+        recording.bag, [topic for topic in wire if topic.is_sample_block or topic.key == _CORRECTIONS]
+    )
     replayed = replay_bag(recording.bag, stage, machine)
     plant = mock_stage(stage, MockSettings(cell.seed, recording.epoch_ns, SPEEDS, True, cell.rate, FORCE_CYCLE))
     comparisons = dict(lvdt_comparisons(recording, recorded, wire, stage, replayed))
@@ -117,14 +119,14 @@ def figures(cell: MockCell, recording: Recording, stage: StageDescription, machi
         *_repetition(recorded, wire, replayed, recording.heights[0][1]),
         *_losses(recorded, wire, recording.heights[0][1]),
         *_latencies(recorded, wire, recording.heights[0][1]),
-        Row("processes that did not end with exit code 0", len(recording.failures), 0, 0),
+        BoundedFigure("processes that did not end with exit code 0", len(recording.failures), 0, 0),
     ]
     times, force = recorded.samples(wire.topic("force_samples"))
     return CellResult(rows, comparisons, offsets, np.column_stack([seconds(times, recording.epoch_ns), force]))
 
 
 def lvdt_comparisons(
-    recording: Recording, recorded: Recorded, wire: Wire, stage: StageDescription, replayed: Replay
+    recording: RunOutcome, recorded: RecordedTopics, wire: Wire, stage: StageDescription, replayed: Replay
 ) -> Iterator[tuple[float, LvdtComparison]]:
     """Comparison with the LVDT at each height at which it stood.
 
@@ -145,22 +147,22 @@ def lvdt_comparisons(
 
 
 def _accuracy(
-    comparisons: dict[float, LvdtComparison], recording: Recording, recorded: Recorded, wire: Wire
-) -> Iterator[Row]:
+    comparisons: dict[float, LvdtComparison], recording: RunOutcome, recorded: RecordedTopics, wire: Wire
+) -> Iterator[BoundedFigure]:
     times, force = recorded.samples(wire.topic("force_samples"))
     for (height, found), (_, begin_ns, end_ns) in zip(comparisons.items(), recording.heights, strict=True):
         name = f"radial error motion at h = {height * 1e3:.0f} mm"
         there = (times >= begin_ns + SETTLING_NS) & (times < end_ns)
-        yield Row(
+        yield BoundedFigure(
             f"{name}: external force on the shaft, N", float(np.linalg.norm(force[there], axis=1).max()), digits=0
         )
-        yield Row(f"{name}: peak to peak, µm", float(np.ptp(found.reference, axis=0).max()) * 1e6)
-        yield Row(f"{name}: RMS against LVDT, µm", found.rms * 1e6, 0.10)
+        yield BoundedFigure(f"{name}: peak to peak, µm", float(np.ptp(found.reference, axis=0).max()) * 1e6)
+        yield BoundedFigure(f"{name}: RMS against LVDT, µm", found.rms * 1e6, 0.10)
         yield _maximum(name, found, recording.epoch_ns)
-        yield Row(f"{name}: outside their 95 % bounds, %", 100 * (1 - found.inside), 7.0, 1)
+        yield BoundedFigure(f"{name}: outside their 95 % bounds, %", 100 * (1 - found.inside), 7.0, 1)
 
 
-def _maximum(name: str, found: LvdtComparison, epoch_ns: int) -> Row:
+def _maximum(name: str, found: LvdtComparison, epoch_ns: int) -> BoundedFigure:
     """The largest difference, when it was, and what stood beside it."""
     differences = np.abs(found.estimate - found.reference)
     tick, axis = divmod(int(np.argmax(differences)), differences.shape[1])
@@ -172,11 +174,11 @@ def _maximum(name: str, found: LvdtComparison, epoch_ns: int) -> Row:
         f"{'xy'[axis]}: estimate {estimate} µm, LVDT {lvdt} µm, standard deviation {std:.3f} µm; "
         f"{np.count_nonzero(differences > _LARGEST)} differences are beyond {_LARGEST * 1e6:g} µm"
     )
-    return Row(f"{name}: maximum against LVDT, µm", found.maximum * 1e6, _LARGEST * 1e6, place=place)
+    return BoundedFigure(f"{name}: maximum against LVDT, µm", found.maximum * 1e6, _LARGEST * 1e6, place=place)
 
 
 def true_offsets(
-    recording: Recording, recorded: Recorded, wire: Wire, machine: MachineDescription, plant: StagePlant
+    recording: RunOutcome, recorded: RecordedTopics, wire: Wire, machine: MachineDescription, plant: StagePlant
 ) -> TrueOffsets:
     """True tool offset without correction, and with the correction that was in force at each time."""
     stamps, arrived, values = _corrections(recorded, wire.topic(_CORRECTIONS), machine)
@@ -204,21 +206,21 @@ def _tip_and_axis(offset: NDArray[np.float64], axis: NDArray[np.float64]) -> NDA
     return np.hstack([offset[:, :3], np.cross(offset[:, 3:], axis)])
 
 
-def _offset_rows(offsets: TrueOffsets) -> Iterator[Row]:
+def _offset_rows(offsets: TrueOffsets) -> Iterator[BoundedFigure]:
     # the tool axis is corrected where the rotary axes reach it: not while the table lies level
     for name, part, unit, share in (("position", slice(0, 3), "µm", 0.05), ("tool axis", slice(3, 6), "µrad", 0.5)):
         before, after, delayed = (_rms(o[:, part]) * 1e6 for o in (offsets.before, offsets.after, offsets.delayed))
-        yield Row(f"tool offset, {name}, before correction: RMS, {unit}", before)
-        yield Row(f"tool offset, {name}, after correction: RMS, {unit}", after, share * before)
+        yield BoundedFigure(f"tool offset, {name}, before correction: RMS, {unit}", before)
+        yield BoundedFigure(f"tool offset, {name}, after correction: RMS, {unit}", after, share * before)
         age = f"{np.median(offsets.age) * 1e3:.0f} ms"
-        yield Row(f"tool offset, {name}, the axes moving on for {age}: RMS, {unit}", delayed)
+        yield BoundedFigure(f"tool offset, {name}, the axes moving on for {age}: RMS, {unit}", delayed)
 
 
 def _rms(vectors: NDArray[np.float64]) -> float:
     return float(np.sqrt((vectors**2).sum(axis=1).mean()))
 
 
-def _repetition(recorded: Recorded, wire: Wire, replayed: Replay, since_ns: int) -> Iterator[Row]:
+def _repetition(recorded: RecordedTopics, wire: Wire, replayed: Replay, since_ns: int) -> Iterator[BoundedFigure]:
     """Published numbers that the replay does not give again bit for bit, from when the recorder had found everyone."""
     assert replayed.tool_offset is not None
     for key, columns, again in (
@@ -230,14 +232,16 @@ def _repetition(recorded: Recorded, wire: Wire, replayed: Replay, since_ns: int)
         times, values = times[times >= since_ns], values[times >= since_ns]
         index = np.clip(np.searchsorted(replayed.stamp_ns, times), 0, len(replayed.stamp_ns) - 1)
         same = (replayed.stamp_ns[index] == times) & (again[index] == values).all(axis=1)
-        yield Row(f"{topic.name}: published numbers that a replay does not repeat", float((~same).sum()), 0, 0)
+        yield BoundedFigure(
+            f"{topic.name}: published numbers that a replay does not repeat", float((~same).sum()), 0, 0
+        )
 
 
 _BESIDE = ("lvdt_samples", "error_motion_heights_samples")
 """What stands still at times, and what has several rows for each tick of the estimate."""
 
 
-def _losses(recorded: Recorded, wire: Wire, since_ns: int) -> Iterator[Row]:
+def _losses(recorded: RecordedTopics, wire: Wire, since_ns: int) -> Iterator[BoundedFigure]:
     """Samples of the sensors that are missing, and ticks without estimate or offset: held, or too late to be true."""
     lost, without, ticks = 0, 0, 0
     for topic in wire:
@@ -252,11 +256,11 @@ def _losses(recorded: Recorded, wire: Wire, since_ns: int) -> Iterator[Row]:
             without, ticks = without + missing, ticks + missing + len(steps)
         else:
             lost += missing
-    yield Row("samples lost", lost, 0, 0)
-    yield Row("ticks without estimate or offset, %", 100 * without / max(ticks, 1), 5.0, 2)
+    yield BoundedFigure("samples lost", lost, 0, 0)
+    yield BoundedFigure("ticks without estimate or offset, %", 100 * without / max(ticks, 1), 5.0, 2)
 
 
-def _latencies(recorded: Recorded, wire: Wire, since_ns: int) -> Iterator[Row]:
+def _latencies(recorded: RecordedTopics, wire: Wire, since_ns: int) -> Iterator[BoundedFigure]:
     """Age of the latest sample in a block when the recorder had it."""
     for key, bound in (("error_motion_samples", None), ("tool_offset_samples", None)):
         topic = wire.topic(key)
@@ -264,12 +268,12 @@ def _latencies(recorded: Recorded, wire: Wire, since_ns: int) -> Iterator[Row]:
         if len(ages) == 0:
             raise InputError(f"no message on {topic.name} once the cell corrects")
         for part in (50, 99):
-            yield Row(
+            yield BoundedFigure(
                 f"{topic.name}: age at the recorder, p{part}, ms", float(np.percentile(ages, part)) * 1e3, bound, 1
             )
 
 
-def _ages(recorded: Recorded, topic: Topic, since_ns: int) -> Iterator[float]:
+def _ages(recorded: RecordedTopics, topic: Topic, since_ns: int) -> Iterator[float]:
     for block, arrival_ns in recorded.arrivals(topic):
         assert isinstance(block, SampleBlock)
         if block.stamp_ns >= since_ns:
@@ -277,7 +281,7 @@ def _ages(recorded: Recorded, topic: Topic, since_ns: int) -> Iterator[float]:
 
 
 def _corrections(
-    recorded: Recorded, topic: Topic, machine: MachineDescription
+    recorded: RecordedTopics, topic: Topic, machine: MachineDescription
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
     """Stamp, time of arrival at the recorder, and values in the order of the machine's axes."""
     stamps, arrived, values = [], [], []
@@ -290,7 +294,7 @@ def _corrections(
     return np.array(stamps), np.array(arrived), np.array(values)
 
 
-def table(rows: list[Row]) -> str:
+def table(rows: list[BoundedFigure]) -> str:
     """The figures as text, a line each."""
     width = max(len(row.name) for row in rows)
     lines = []

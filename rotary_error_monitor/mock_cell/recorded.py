@@ -17,7 +17,7 @@ from rotary_error_monitor.metrology.responses import correct_block
 from rotary_error_monitor.signals.blocks import SampleBlock
 
 
-class Recorded:
+class RecordedTopics:
     """Contents of a bag by topic."""
 
     def __init__(self, bag: Path, topics: Iterable[Topic]) -> None:

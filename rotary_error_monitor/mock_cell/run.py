@@ -73,7 +73,7 @@ class MockCell:
 
 
 @dataclass
-class Recording:
+class RunOutcome:
     """What came of a run.
 
     Attributes:
@@ -89,7 +89,7 @@ class Recording:
     failures: list[str] = field(default_factory=list)
 
 
-def record(cell: MockCell, stage: StageDescription) -> Recording:
+def record(cell: MockCell, stage: StageDescription) -> RunOutcome:
     """Start all processes of a cell, record once it corrects, end them with SIGINT.
 
     Args:
@@ -100,7 +100,7 @@ def record(cell: MockCell, stage: StageDescription) -> Recording:
         RuntimeError: a process ended before its time; the message holds what it wrote.
         TimeoutError: the cell does not come to correct; the message says how its nodes fare.
     """
-    recording = Recording(cell.folder / "bag", time.time_ns())
+    recording = RunOutcome(cell.folder / "bag", time.time_ns())
     shared: dict[str, object] = {"stage": str(cell.stage)} if cell.stage else {}
     mock: dict[str, Any] = {
         "mock.seed": cell.seed,
@@ -195,7 +195,7 @@ def _at_height(running: Cell, height: float, duration: float, progress: tqdm[Nev
     return height, begin_ns, end_ns
 
 
-def _end_together(processes: Sequence[NodeProcess], recording: Recording) -> None:
+def _end_together(processes: Sequence[NodeProcess], recording: RunOutcome) -> None:
     for process in processes:
         process.send(signal.SIGINT)
     for process in processes:

@@ -20,9 +20,9 @@ from std_srvs.srv import Trigger
 
 from rotary_error_monitor.codec.cdr_blocks import BlockDecoder
 from rotary_error_monitor.codec.error_motion_blocks import error_motion_from_block
-from rotary_error_monitor.dashboard.board import PORT, Action, Board
-from rotary_error_monitor.dashboard.cards import Clock, Drawn
-from rotary_error_monitor.dashboard.health import Status, label_of
+from rotary_error_monitor.dashboard.board import PORT, Action, PageBoard
+from rotary_error_monitor.dashboard.cards import CardDrawer, ShownMoment
+from rotary_error_monitor.dashboard.health import NodeStatus, label_of
 from rotary_error_monitor.dashboard.model import CellModel
 from rotary_error_monitor.dashboard.server import WebServer
 from rotary_error_monitor.description.machine import load_machine
@@ -78,8 +78,8 @@ class Dashboard(ManagedNode):
             [axis.letter for axis in machine.axes if axis.kind == "rotary"] if machine else (),
         )
         title = self.setting("stage") or "stage"
-        self._drawn = Drawn(self._model, self.stage.azimuths, f"{title} on {machine.name}" if machine else title)
-        self._board, self._called = Board(), list[Client]()
+        self._drawn = CardDrawer(self._model, self.stage.azimuths, f"{title} on {machine.name}" if machine else title)
+        self._board, self._called = PageBoard(), list[Client]()
         if self.setting("allow_control"):
             self._board.actions = self._actions()
         self._listen()
@@ -146,12 +146,12 @@ class Dashboard(ManagedNode):
         for status in message.status:
             node, _, part = status.name.partition(": ")
             figures = {each.key: each.value for each in status.values}
-            found.append(Status(node, part, status.level[0], status.message, figures))
+            found.append(NodeStatus(node, part, status.level[0], status.message, figures))
         self._model.take_statuses(found, time.monotonic())
 
     def _draw(self) -> None:
         if self.active and (self._board.is_watched or not self._board.drawn):
-            self._board.show(self._drawn.parts(Clock(time.monotonic(), self.now_ns())))
+            self._board.show(self._drawn.parts(ShownMoment(time.monotonic(), self.now_ns())))
 
     def _actions(self) -> tuple[Action, ...]:
         services = {service.key: service for service in load_services()}

@@ -36,7 +36,7 @@ from rotary_error_monitor.security.users import load_users
 from rotary_error_monitor.units import MICRO
 
 if TYPE_CHECKING:
-    from rotary_error_monitor.opcua.server import Access, CellServer, Reset
+    from rotary_error_monitor.opcua.server import CellServer, Reset, ServerAccess
 
 NAME = "opcua_server"
 _NONE, _ENCRYPTED = "None", "Basic256Sha256"
@@ -132,13 +132,13 @@ class OpcuaServer(ManagedNode):
 
     # Who may come.
 
-    def _access(self) -> Access:
+    def _access(self) -> ServerAccess:
         """Where is served, and to whom.
 
         Raises:
             InputError: the parameters would let in whoever comes, or name files that will not do.
         """
-        from rotary_error_monitor.opcua.server import Access
+        from rotary_error_monitor.opcua.server import ServerAccess
 
         where, address, port = self.get_fully_qualified_name(), self.setting("address"), self.setting("port")
         users = load_users(Path(self.setting("users"))) if self.setting("users") else None
@@ -159,7 +159,7 @@ class OpcuaServer(ManagedNode):
                 "could reset; give a file of users, or address 127.0.0.1, or insecure:=true"
             )
         if self.setting("security_policy") == _NONE:
-            return Access(address, port, APPLICATION, accepts=accepts)
+            return ServerAccess(address, port, APPLICATION, accepts=accepts)
         for name in ("certificate", "private_key"):
             if not self.setting(name):
                 raise InputError(
@@ -167,7 +167,7 @@ class OpcuaServer(ManagedNode):
                     "`rotary_error_monitor security opcua FOLDER` writes it"
                 )
         certificate, key = Path(self.setting("certificate")), Path(self.setting("private_key"))
-        return Access(address, port, application_uri(certificate, key), (certificate, key), accepts)
+        return ServerAccess(address, port, application_uri(certificate, key), (certificate, key), accepts)
 
     def _is_kept_private(self) -> bool:
         return self.setting("security_policy") != _NONE or _is_loopback(self.setting("address"))

@@ -31,7 +31,7 @@ from rotary_error_monitor.nodes.diagnostics import Condition, Level, StreamWatch
 from rotary_error_monitor.nodes.frame_broadcaster import FrameBroadcaster
 from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.process import program
-from rotary_error_monitor.pipeline.last_turn import LastTurn, Picture
+from rotary_error_monitor.pipeline.last_turn import LastTurn, TurnPicture
 from rotary_error_monitor.signals.blocks import SampleBlock
 
 _LATE_AFTER, _STALE_AFTER = 0.5, 1.0
@@ -134,7 +134,7 @@ class Visualization(ManagedNode):
             yield _text("heads", letter, place, 0.12 * self._radius)
 
 
-def _picture_markers(picture: Picture, radius: float) -> Iterator[Marker]:
+def _picture_markers(picture: TurnPicture, radius: float) -> Iterator[Marker]:
     width = 0.01 * radius
     if len(picture.orbit) > 1:
         yield _line("orbit", picture.orbit, width)

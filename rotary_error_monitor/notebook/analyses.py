@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rotary_error_monitor.analysis.changes import Change
-from rotary_error_monitor.analysis.result import Analysis as Result
-from rotary_error_monitor.analysis.result import figures_of
+from rotary_error_monitor.analysis.result import AnalysisResult, figures_of
 from rotary_error_monitor.analysis.verdict import Conformity, limited
 from rotary_error_monitor.description.error_motion_limits import limits_of
 from rotary_error_monitor.errors import InputError, excerpt
@@ -43,7 +42,7 @@ class Analysis:
     """
 
     files: FileAnalysis
-    result: Result
+    result: AnalysisResult
     changes: tuple[Change, ...] | None
 
     @property

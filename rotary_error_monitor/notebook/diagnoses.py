@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.files import check_outputs, check_places, write_whole
-from rotary_error_monitor.gap.diagnosis import Diagnosis as Result
-from rotary_error_monitor.gap.diagnosis import FoundCause
+from rotary_error_monitor.gap.diagnosis import DiagnosisResult, FoundCause
 from rotary_error_monitor.gap.options import FALSE_ALARMS, MOST_CAUSES, check_false_alarms, check_most_causes
 from rotary_error_monitor.gap.sentences import verdict_sentence
 from rotary_error_monitor.gap.verdict import Verdict
@@ -40,7 +39,7 @@ class Diagnosis:
     """
 
     files: FileDiagnosis
-    result: Result
+    result: DiagnosisResult
     picture: Picture
 
     @property

@@ -36,7 +36,7 @@ Reset = Callable[[], Awaitable[tuple[bool, str]]]
 
 
 @dataclass(frozen=True)
-class Access:
+class ServerAccess:
     """Where the server listens, and to whom.
 
     Attributes:
@@ -57,7 +57,7 @@ class Access:
 class _Gate:
     """Lets in who may come; everybody reads, nobody is an administrator."""
 
-    def __init__(self, access: Access) -> None:
+    def __init__(self, access: ServerAccess) -> None:
         self._access = access
 
     def get_user(
@@ -80,7 +80,7 @@ class CellServer:
 
     def __init__(
         self,
-        access: Access,
+        access: ServerAccess,
         model: Sequence[Variable],
         board: Board,
         period: float,

@@ -16,8 +16,8 @@ from rotary_error_monitor.pipeline.evidence import (
     LONG,
     SHORT,
     Evidence,
+    EvidenceWindow,
     Reach,
-    Window,
     WindowGrid,
     Windows,
     are_uneven,
@@ -219,7 +219,7 @@ class Belief:
             self.command.note_silence(number)
             self.verdict = self._conclude()
 
-    def _settle_zero(self, window: Window) -> None:
+    def _settle_zero(self, window: EvidenceWindow) -> None:
         """The zero of the heads is that of before where the command says so; otherwise a turn has to show it again."""
         if self._head_names and self.streams.refuses_all(self._head_names):
             self._zero_open = True
@@ -266,7 +266,7 @@ class Belief:
             self._heads_of[available] = tuple(name for name in self._head_names if available & self._bits[name])
         return self._heads_of[available]
 
-    def _judge(self, window: Window) -> None:
+    def _judge(self, window: EvidenceWindow) -> None:
         self._note_silence(window.number)
         if window.mean.heads > 0.0:
             self._heard = window.number
@@ -301,7 +301,7 @@ class Belief:
             return set()
         return {*self.streams.doubted, *self.heads.doubted}.intersection(self._head_names)
 
-    def _judge_by_command(self, window: Window) -> None:
+    def _judge_by_command(self, window: EvidenceWindow) -> None:
         """Without heads the tilt is judged at the command's rotation: not while that is doubted, nor just before."""
         believed = not self.command.doubt
         self.command.judge(window)

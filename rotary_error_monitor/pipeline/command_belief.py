@@ -16,10 +16,10 @@ from rotary_error_monitor.pipeline.distance_noise import (
     missed_of,
     scatter_in,
 )
-from rotary_error_monitor.pipeline.distance_places import Place
+from rotary_error_monitor.pipeline.distance_places import WindowDistance
 from rotary_error_monitor.pipeline.distance_reach import STEADY, DistanceReach
 from rotary_error_monitor.pipeline.distance_steps import Compared, DistanceStep, DistanceSteps
-from rotary_error_monitor.pipeline.evidence import LONG, SHORT, SIGMAS, Reach, Window, Windows
+from rotary_error_monitor.pipeline.evidence import LONG, SHORT, SIGMAS, EvidenceWindow, Reach, Windows
 from rotary_error_monitor.pipeline.far_distance import FarDistance
 from rotary_error_monitor.pipeline.head_belief import AGREEMENT
 from rotary_error_monitor.pipeline.ring_belief import ABSENT
@@ -69,7 +69,7 @@ class CommandBelief:
         self._far = FarDistance(self._limits.following_error, steady=True)
         self._scattering = DistanceNoise()
         self._steps = DistanceSteps(self._limits.following_error, self._noise)
-        self._last: Window | None = None
+        self._last: EvidenceWindow | None = None
         self._compared: int | None = None
         self._since = 0  # number of the window since which it is doubted
         self._standing = StandingCommand(self._limits.following_error, self._noise)
@@ -113,11 +113,11 @@ class CommandBelief:
     def _note_hidden(self, duration: float) -> None:
         self._hidden = min(self._hidden, self._slope.unseen(duration))
 
-    def agrees(self, window: Window) -> bool:
+    def agrees(self, window: EvidenceWindow) -> bool:
         """Whether the window that was judged last has shown that rotation and command belong together."""
         return not self.doubt and self._compared == window.number
 
-    def judge(self, window: Window) -> None:
+    def judge(self, window: EvidenceWindow) -> None:
         """Take in a window in which the heads tell the rotation."""
         last, self._last = self._last, window
         self.reach = self._anywhere
@@ -168,7 +168,7 @@ class CommandBelief:
             self._usual.add(window.mean.ecc, speed, self.delay)
         self._keep(window, last, speed, scatter)
 
-    def _interrupt(self, window: Window, last: Window | None) -> None:
+    def _interrupt(self, window: EvidenceWindow, last: EvidenceWindow | None) -> None:
         """Of a window that is not told against the one before."""
         self._agreeing = 0.0
         self._steps.clear()
@@ -186,17 +186,17 @@ class CommandBelief:
             self._scattering.interrupt()
         return self._steps.judge(what._replace(hidden=self._hidden), found, far, self._slope)
 
-    def _keep(self, window: Window, last: Window, speed: float, scatter: float) -> None:
+    def _keep(self, window: EvidenceWindow, last: EvidenceWindow, speed: float, scatter: float) -> None:
         """What a window that was judged tells of the next ones."""
         missed, noise = missed_in(window), scatter_in(window, self._scattering.variances)
         self._settle(speed, noise, window.mean.ecc, window.duration, missed if missed > self._noise else 0.0)
         plain = self._is_plain(self._steps.places.most_missed(missed), window.scatter.ecc, speed)
         if not (plain or self.doubt or self._steps.size):
             self._keep_reach(window, last, scatter)
-        self._steps.places.add(Place(window.number, window.mean.ecc, speed, missed), plain=plain)
+        self._steps.places.add(WindowDistance(window.number, window.mean.ecc, speed, missed), plain=plain)
         self._steps.places.follow([window.mean.theta], [window.mean.ecc])
 
-    def _keep_reach(self, window: Window, last: Window, scatter: float) -> None:
+    def _keep_reach(self, window: EvidenceWindow, last: EvidenceWindow, scatter: float) -> None:
         """Of a window in which a step may have begun, where the distance can be next is told by what was before."""
         before = self._steps.before(window, last, self._speed)
         reach = self._farther.within(window.duration, self.delay, self._lag_at(self._speed, scatter))
@@ -287,7 +287,7 @@ class CommandBelief:
                 self._usual.add(distance, speed, self.delay)
             self._settle(speed, scatter, distance, duration)
             found.append((self.lag, self.reach))
-        self._steps.places.add(Place(windows.last.number, distances[-1], speeds[-1]), plain=True)
+        self._steps.places.add(WindowDistance(windows.last.number, distances[-1], speeds[-1]), plain=True)
         self._steps.places.follow(thetas, distances)
         return found
 
@@ -303,7 +303,7 @@ class CommandBelief:
         held, missed = self._steps.size / SIGMAS, self._steps.places.most_missed(missed) / SIGMAS
         return math.hypot(speed * math.hypot(self.delay, self._timing), scatter, self.shift, untold, held, missed)
 
-    def _beyond(self, window: Window, speed: float) -> str:
+    def _beyond(self, window: EvidenceWindow, speed: float) -> str:
         late, missed = self._farther.late(self.delay), self._steps.places.most_missed(missed_in(window))
         far = self._far.is_far(window.mean.ecc, speed, late, missed)
         return _why_far(window.mean.ecc, speed, self._far.allowed(speed, late)) if far else ""
@@ -316,12 +316,12 @@ class CommandBelief:
         """Whether a window's distance is one from begin to end: not interpolated wrong, and without a step."""
         return not self._is_bent(missed, speed) and scatter <= self._farther.rippled
 
-    def _step_of(self, step: DistanceStep, window: Window) -> str:
+    def _step_of(self, step: DistanceStep, window: EvidenceWindow) -> str:
         self._size = step.size
         within = step.passed * window.duration * 1e3
         return f"a step of {step.size * 1e6:.3g} µrad between rotation and command within {within:g} ms"
 
-    def _moved_in_silence(self, window: Window, last: Window, speed: float, scatter: float) -> str:
+    def _moved_in_silence(self, window: EvidenceWindow, last: EvidenceWindow, speed: float, scatter: float) -> str:
         """The same over a silence of the heads: what is less than a step counts as uncertainty."""
         self.shift = self._shift_in_silence(window, last, speed) if not self.doubt else 0.0
         if self.shift <= STEADY * self._limits.following_error + 6.0 * scatter:
@@ -332,7 +332,7 @@ class CommandBelief:
             "they may have lost counts"
         )
 
-    def _shift_in_silence(self, window: Window, last: Window, speed: float) -> float:
+    def _shift_in_silence(self, window: EvidenceWindow, last: EvidenceWindow, speed: float) -> float:
         theta, distance = window.mean.theta, window.mean.ecc
         missed = self._steps.places.most_missed(missed_in(window))
         if not (window.tells_rotation and last.tells_rotation):  # the speed is anything up to this one
@@ -365,7 +365,7 @@ class CommandBelief:
             return [self._scattering.variances]
         return self._scattering.add(distances, scatters)
 
-    def _measure_delay(self, window: Window) -> str:
+    def _measure_delay(self, window: EvidenceWindow) -> str:
         """Renew the delay now and then, behind a window that was taken in; give why it is too much."""
         if window.number % SHORT == 0 and len(self._slope) >= SHORT:
             self._slope.measure(window.duration)
@@ -393,6 +393,6 @@ def _why_far(distance: float, speed: float, allowed: float) -> str:
     )
 
 
-def _tells(window: Window) -> bool:
+def _tells(window: EvidenceWindow) -> bool:
     """Whether the mean distance is one: not of a window that lacks rotation or command at some ticks."""
     return window.has("command") and window.has("heads")

@@ -6,7 +6,7 @@ import math
 
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.pipeline.command_belief import CommandBelief
-from rotary_error_monitor.pipeline.evidence import Window
+from rotary_error_monitor.pipeline.evidence import EvidenceWindow
 from rotary_error_monitor.pipeline.head_belief import AGREEMENT
 from rotary_error_monitor.pipeline.standing_command import STANDS
 from rotary_error_monitor.pipeline.standing_rotor import StandingRotor
@@ -52,7 +52,7 @@ class CommandedRotation(CommandBelief):
         """Largest part of a turn between two rotations that were commanded; 1 or more where it was a whole one."""
         return max(0.0, self._most - self._least) / (2.0 * math.pi)
 
-    def judge(self, window: Window) -> None:
+    def judge(self, window: EvidenceWindow) -> None:
         """Take in a window in which the command tells the rotation, or is missing."""
         last, self._last = self._last, window
         self._hold_against_itself(window, last)
@@ -64,7 +64,7 @@ class CommandedRotation(CommandBelief):
         # the ticks that it holds for are in the next window: what the speed changes by it may change by again
         self.lag = self._uncertainty(max(speed, 2.0 * speed - before))
 
-    def _hold_against_itself(self, window: Window, last: Window | None) -> None:
+    def _hold_against_itself(self, window: EvidenceWindow, last: EvidenceWindow | None) -> None:
         """Doubt a command that is stuck, and believe it again once it has moved for long enough."""
         if last is None or window.number != last.number + 1 or not (window.tells_rotation and last.tells_rotation):
             self._short = self._stood = self._agreeing = 0.0
@@ -83,7 +83,7 @@ class CommandedRotation(CommandBelief):
         self._stood += window.duration
         self.doubt = self._stuck_by_velocity(window) or self._stuck_by_rotor(window) or self.doubt
 
-    def _stuck_by_velocity(self, window: Window) -> str:
+    def _stuck_by_velocity(self, window: EvidenceWindow) -> str:
         """It stands for longer than following error and latency explain at the velocity that it says."""
         speed = abs(window.mean.velocity)
         if abs(self._short) <= self._limits.following_error + self._limits.latency * speed:
@@ -93,7 +93,7 @@ class CommandedRotation(CommandBelief):
             f"{abs(self._short) * 1e6:.3g} µrad"
         )
 
-    def _stuck_by_rotor(self, window: Window) -> str:
+    def _stuck_by_rotor(self, window: EvidenceWindow) -> str:
         """It stands, and what is seen of the rotor goes on turning as fast as the command did before."""
         if not self._rotor.goes_on(self._stood, window.mean.theta, window.readings):
             return ""

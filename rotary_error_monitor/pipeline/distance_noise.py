@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from rotary_error_monitor.metrology.error_motion import KINK
-from rotary_error_monitor.pipeline.evidence import LONG, SHORT, Window
+from rotary_error_monitor.pipeline.evidence import LONG, SHORT, EvidenceWindow
 from rotary_error_monitor.pipeline.trailing import Trailing
 
 Variances = tuple[float, float]
@@ -64,7 +64,7 @@ def deviation(variances: Variances | None, samples: float) -> float:
     return 0.0 if variances is None else math.sqrt(max(variances[0] * samples, variances[1]))
 
 
-def scatter_in(window: Window, variances: Variances | None) -> float:
+def scatter_in(window: EvidenceWindow, variances: Variances | None) -> float:
     """The same in a window, rad."""
     return deviation(variances, max(1.0, window.ticks * window.mean.head_samples))
 
@@ -77,6 +77,6 @@ def missed_of(head_bend: float, command_bend: float) -> float:
     return KINK * (abs(head_bend) + abs(command_bend))
 
 
-def missed_in(window: Window) -> float:
+def missed_in(window: EvidenceWindow) -> float:
     """The same of a window's mean third differences, rad."""
     return missed_of(window.mean.head_bend, window.mean.command_bend)

@@ -20,7 +20,7 @@ OLDEST = SHORT + NEAR
 """Windows that a step between two samples takes at most, with those behind it in which nothing is missed again."""
 
 
-class Place(NamedTuple):
+class WindowDistance(NamedTuple):
     """What a window shows.
 
     Attributes:
@@ -48,8 +48,8 @@ class DistancePlaces:
 
     def __init__(self) -> None:
         """Nothing was seen."""
-        self.plain: Place | None = None
-        self._bent: deque[Place] = deque(maxlen=OLDEST)
+        self.plain: WindowDistance | None = None
+        self._bent: deque[WindowDistance] = deque(maxlen=OLDEST)
         self._course: deque[tuple[float, float]] = deque(maxlen=2 * OLDEST)
 
     def clear(self) -> None:
@@ -68,7 +68,7 @@ class DistancePlaces:
         both = np.array(self._course).reshape(-1, 2)
         return both[:, 0], both[:, 1]
 
-    def add(self, place: Place, *, plain: bool) -> None:
+    def add(self, place: WindowDistance, *, plain: bool) -> None:
         """Take in the next window, in which something is missed or nothing."""
         if plain:
             self.plain = place._replace(missed=0.0)
@@ -80,7 +80,7 @@ class DistancePlaces:
         """What may be missed about now, rad, where so much is in the latest window."""
         return max([missed, *(each.missed for each in list(self._bent)[-NEAR:])])
 
-    def before(self, number: int, last: Place) -> Place:
+    def before(self, number: int, last: WindowDistance) -> WindowDistance:
         """What the window of that number is held against, of which that before it is the `last`."""
         if self.plain is not None and not self.is_old(number):
             return self.plain

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from rotary_error_monitor.pipeline.distance_noise import missed_in
-from rotary_error_monitor.pipeline.distance_places import DistancePlaces, Place
+from rotary_error_monitor.pipeline.distance_places import DistancePlaces, WindowDistance
 from rotary_error_monitor.pipeline.distance_reach import STEADY
-from rotary_error_monitor.pipeline.evidence import SIGMAS, Window
+from rotary_error_monitor.pipeline.evidence import SIGMAS, EvidenceWindow
 from rotary_error_monitor.pipeline.held_step import HeldStep
 from rotary_error_monitor.pipeline.speed_slope import SpeedSlope
 
@@ -24,8 +24,8 @@ class Compared(NamedTuple):
         hidden: by how much the delay may be another than is seen, s.
     """
 
-    window: Window
-    last: Window
+    window: EvidenceWindow
+    last: EvidenceWindow
     speed: float
     scatter: float
     delay: float
@@ -37,7 +37,7 @@ class Compared(NamedTuple):
         """Of rotation and command, rad."""
         return self.window.mean.ecc
 
-    def change(self, before: Place) -> float:
+    def change(self, before: WindowDistance) -> float:
         """Of the distance since a place, beside what the delay makes, rad."""
         return abs(self.distance - before.distance + self.delay * (self.speed - before.speed))
 
@@ -47,7 +47,7 @@ class DistanceStep(NamedTuple):
 
     size: float
     passed: int
-    before: Place
+    before: WindowDistance
 
 
 class DistanceSteps:
@@ -92,28 +92,28 @@ class DistanceSteps:
         """Of what is held, rad."""
         return max(self._held.size, self._elsewhere.size)
 
-    def before(self, window: Window, last: Window, speed: float) -> Place:
+    def before(self, window: EvidenceWindow, last: EvidenceWindow, speed: float) -> WindowDistance:
         """What a window is held against, with the `speed` (rad/s) of the one before it."""
-        return self._held.before or self.places.before(window.number, Place(last.number, last.mean.ecc, speed))
+        return self._held.before or self.places.before(window.number, WindowDistance(last.number, last.mean.ecc, speed))
 
-    def missed(self, window: Window, last: Window, before: Place) -> float:
+    def missed(self, window: EvidenceWindow, last: EvidenceWindow, before: WindowDistance) -> float:
         """What interpolation may miss of a change, rad: a third difference that changes its sign tells less."""
         return missed_in(window) + self.places.most_missed(max(missed_in(last), before.missed))
 
-    def seen(self, what: Compared, before: Place) -> DistanceStep | None:
+    def seen(self, what: Compared, before: WindowDistance) -> DistanceStep | None:
         """A step that neither the drive nor a change of speed makes."""
         moved, unknown = self.moved(what, before)
         if abs(moved) <= STEADY * self._farthest + unknown:
             return None
         return DistanceStep(abs(moved), what.window.number - before.number, before)
 
-    def moved(self, what: Compared, before: Place) -> tuple[float, float]:
+    def moved(self, what: Compared, before: WindowDistance) -> tuple[float, float]:
         """By how much the distance is another than before, and how much of that may be no step, rad."""
         accelerated = what.late * abs(what.speed - before.speed)
         unknown = accelerated + self.missed(what.window, what.last, before) + SIGMAS * what.scatter
         return what.distance - before.distance, unknown
 
-    def far(self, what: Compared) -> Place | None:
+    def far(self, what: Compared) -> WindowDistance | None:
         """Where the distance was told last, where that is too long ago to tell a step and it is another now."""
         before = self.places.plain
         if before is None or self.is_elsewhere or not self.places.is_old(what.window.number):
@@ -121,7 +121,7 @@ class DistanceSteps:
         return before if what.change(before) > STEADY * self._farthest + SIGMAS * what.scatter else None
 
     def judge(
-        self, what: Compared, seen: DistanceStep | None, far: Place | None, slope: SpeedSlope
+        self, what: Compared, seen: DistanceStep | None, far: WindowDistance | None, slope: SpeedSlope
     ) -> DistanceStep | None:
         """A step of what is held, or has to be: until it is told from what the drive makes as it accelerates.
 
@@ -140,11 +140,13 @@ class DistanceSteps:
                 return step
         return None
 
-    def _hold(self, held: HeldStep, before: Place, what: Compared, slope: SpeedSlope) -> None:
+    def _hold(self, held: HeldStep, before: WindowDistance, what: Compared, slope: SpeedSlope) -> None:
         earlier = max(slope.course(), self.places.course, key=lambda each: len(each[0]))
         held.hold(before, what.last.number, earlier, what.scatter or self._noise)
 
-    def _told(self, held: HeldStep, before: Place, what: Compared, limits: tuple[float, float]) -> DistanceStep | None:
+    def _told(
+        self, held: HeldStep, before: WindowDistance, what: Compared, limits: tuple[float, float]
+    ) -> DistanceStep | None:
         """A change that is held is none within the first of some limits, and is one beyond the other, rad."""
         change, mean = what.change(before), what.window.mean
         held.add(mean.theta, mean.ecc, change)

@@ -134,7 +134,7 @@ class Evidence:
         return tuple(vars(self).values())
 
 
-class Window(NamedTuple):
+class EvidenceWindow(NamedTuple):
     """Means of the evidence over one window.
 
     Attributes:
@@ -182,13 +182,13 @@ class Window(NamedTuple):
 
 @dataclass(frozen=True)
 class Windows:
-    """Windows one behind another, as columns: what `Window` says of one, of n of them.
+    """Windows one behind another, as columns: what `EvidenceWindow` says of one, of n of them.
 
     Attributes:
         first: number of the first on its grid.
         duration, ticks: of each.
         mean, scatter: (n,) for each of their fields.
-        parity: (n, h), readings: (n, P), available, steady, broken: (n,) as of `Window`.
+        parity: (n, h), readings: (n, P), available, steady, broken: (n,) as of `EvidenceWindow`.
     """
 
     first: int
@@ -205,17 +205,17 @@ class Windows:
     def __len__(self) -> int:
         return len(self.steady)
 
-    def __getitem__(self, place: int) -> Window:
+    def __getitem__(self, place: int) -> EvidenceWindow:
         """One of them; its arrays are views."""
         place = range(len(self))[place]
         mean = Means._make([column[place] for column in self.mean])
         scatter = Scatter._make([column[place] for column in self.scatter])
         parity, readings = self.parity[place], self.readings[place]
         masks = self.available[place], self.steady[place], self.broken[place]
-        return Window(self.first + place, self.duration, self.ticks, mean, scatter, parity, *masks, readings)
+        return EvidenceWindow(self.first + place, self.duration, self.ticks, mean, scatter, parity, *masks, readings)
 
     @cached_property
-    def last(self) -> Window:
+    def last(self) -> EvidenceWindow:
         """The last of them."""
         return self[-1]
 

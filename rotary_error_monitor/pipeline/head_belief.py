@@ -12,7 +12,7 @@ from rotary_error_monitor.description.stage_section import Encoder
 from rotary_error_monitor.metrology.agreement import chi_square_bound
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 from rotary_error_monitor.metrology.error_motion import KINK
-from rotary_error_monitor.pipeline.evidence import EVERYWHERE, PERSISTENT, SHORT, Reach, Window, Windows
+from rotary_error_monitor.pipeline.evidence import EVERYWHERE, PERSISTENT, SHORT, EvidenceWindow, Reach, Windows
 from rotary_error_monitor.pipeline.lasting_contradiction import LastingContradiction
 from rotary_error_monitor.pipeline.ring_jumps import Change, RingJumps, change_between
 from rotary_error_monitor.pipeline.ring_scatter import RingScatter, StampsScatter
@@ -137,7 +137,7 @@ class HeadBelief:
         """Whether redundancy that the stage is described with is not there any more."""
         return self._described > 0 and not self.redundant
 
-    def judge(self, window: Window, available: Sequence[str]) -> None:
+    def judge(self, window: EvidenceWindow, available: Sequence[str]) -> None:
         """Take in a window in which the heads `available` were there all the time, whether believed or not."""
         self.reach, self.contradicting = EVERYWHERE, False
         if self._believed and len(self.settled.intersection(available)) < len(self.settled):  # before, none has begun
@@ -240,7 +240,7 @@ class HeadBelief:
             weighed.append((self.scale, borne[place]))
         return weighed
 
-    def _judge_redundant(self, window: Window) -> None:
+    def _judge_redundant(self, window: EvidenceWindow) -> None:
         found = window.mean.believed_agreement
         self._weigh([found], [window.mean.head_samples], [self._tolerance], window.ticks)
         if not self.contradicting and not self.contradiction:
@@ -279,7 +279,7 @@ class HeadBelief:
         self._settle()
         return True
 
-    def _judge_steps(self, window: Window, rate: float) -> None:
+    def _judge_steps(self, window: EvidenceWindow, rate: float) -> None:
         """Without redundancy: a step that no bearing makes, and that noise and stamps do not at such a rate.
 
         A step of a head lasts, so it is over only where the ring is again where it was at this angle before. So is
@@ -353,14 +353,14 @@ class HeadBelief:
         """Whether interpolation misses more than the ring moves in a window, s, so that it shows none of its place."""
         return KINK * max(self._bends) * self._radius > self._limits.radial_rate * duration
 
-    def _course(self, window: Window) -> CentreCourse:
+    def _course(self, window: EvidenceWindow) -> CentreCourse:
         """Where the ring was: heads that show all of its displacement show the same, whichever they are."""
         shown = () if window.has("radial") else self._believed
         if shown not in self._courses:
             self._courses[shown] = CentreCourse()
         return self._courses[shown]
 
-    def _restore(self, window: Window, available: Sequence[str]) -> None:
+    def _restore(self, window: EvidenceWindow, available: Sequence[str]) -> None:
         """Believe all heads again once all of them have agreed long enough."""
         if not (self.doubted or (self.contradiction and self.redundant)):
             return

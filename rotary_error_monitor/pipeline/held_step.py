@@ -8,7 +8,7 @@ from collections import deque
 import numpy as np
 
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.pipeline.distance_places import Place
+from rotary_error_monitor.pipeline.distance_places import WindowDistance
 from rotary_error_monitor.pipeline.evidence import SHORT, SIGMAS
 
 SEEN = 5
@@ -37,7 +37,7 @@ class HeldStep:
 
     def clear(self) -> None:
         """Hold nothing."""
-        self.before: Place | None = None
+        self.before: WindowDistance | None = None
         self.passed, self.size, self.scatter = 0, 0.0, 0.0
         self._outcome, self._lasting = "", 0  # how it comes out, and in how many windows one behind another
         self._course: deque[tuple[float, float]] = deque(maxlen=3)  # command and rotation of the latest windows, rad
@@ -46,7 +46,7 @@ class HeldStep:
         self._latest: deque[float] = deque(maxlen=SHORT)
         self._give = math.inf  # largest distance per acceleration before the change
 
-    def hold(self, before: Place, last: int, earlier: tuple[Array, Array], noise: float) -> None:
+    def hold(self, before: WindowDistance, last: int, earlier: tuple[Array, Array], noise: float) -> None:
         """Hold a change that is seen in the next window.
 
         Args:

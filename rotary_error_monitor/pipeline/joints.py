@@ -19,7 +19,7 @@ from rotary_error_monitor.errors import InputError, excerpt
 from rotary_error_monitor.libraries import address
 from rotary_error_monitor.pipeline.joint_checks import JointChecks
 from rotary_error_monitor.pipeline.kernel import Joints, chosen_kernel
-from rotary_error_monitor.pipeline.travel import STILL, Travel
+from rotary_error_monitor.pipeline.travel import STILL, TravelDirections
 from rotary_error_monitor.signals.blocks import NANOSECONDS, block_from_samples
 from rotary_error_monitor.signals.streams import SampleStream
 
@@ -94,7 +94,7 @@ class JointTrack:
         self._refused = np.empty(0, np.int64)
         self.checks = JointChecks(machine)
         self.doubt = ""
-        self._travel = Travel(machine)
+        self._travel = TravelDirections(machine)
         self._last: NDArray[np.float64] | None = None
 
     def push(self, stamp_ns: int, positions: Mapping[str, float], velocities: Mapping[str, float]) -> bool:

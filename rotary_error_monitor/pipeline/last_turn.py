@@ -22,7 +22,7 @@ LARGEST_PART = 0.25
 
 
 @dataclass(frozen=True)
-class Picture:
+class TurnPicture:
     """Lines in the stage's frame, m, as they are drawn.
 
     Attributes:
@@ -62,7 +62,7 @@ class LastTurn:
         """Largest displacement of the axis of rotation at the ring, m; 0 where none is observable."""
         return float(np.hypot(*self._radial[np.isfinite(self._radial).all(axis=1)].T).max(initial=0.0))
 
-    def picture(self, magnification: float | None = None) -> Picture:
+    def picture(self, magnification: float | None = None) -> TurnPicture:
         """The lines as they are now; a line without points where nothing is observable.
 
         Args:
@@ -82,7 +82,9 @@ class LastTurn:
         shift = self._radius * np.array([self._tilt[1], -self._tilt[0]]) if tilts else np.zeros(2)
         lean = magnification_of(float(np.hypot(*shift)), self._radius)
         axis = np.array([[0.0, 0.0, 0.0], [*(lean * shift), self._radius]]) if tilts else np.zeros((0, 3))
-        return Picture(_flat(orbit), _flat(polar), magnification if seen.any() else 0.0, axis, lean if tilts else 0.0)
+        return TurnPicture(
+            _flat(orbit), _flat(polar), magnification if seen.any() else 0.0, axis, lean if tilts else 0.0
+        )
 
 
 def magnification_of(largest: float, radius: float) -> float:

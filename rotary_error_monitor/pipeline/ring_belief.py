@@ -12,7 +12,7 @@ from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.stage_section import Encoder
 from rotary_error_monitor.metrology.description_check import MIRRORED, Claim, FigureCheck, departure
 from rotary_error_monitor.metrology.error_motion import KINK
-from rotary_error_monitor.pipeline.evidence import LONG, SHORT, SIGMAS, Window, Windows
+from rotary_error_monitor.pipeline.evidence import LONG, SHORT, SIGMAS, EvidenceWindow, Windows
 from rotary_error_monitor.pipeline.head_belief import AGREEMENT
 from rotary_error_monitor.pipeline.speed_slope import SpeedSlope
 
@@ -97,7 +97,7 @@ class RingBelief:
         self._turned.clear()
         self._slope.forget()
 
-    def judge(self, window: Window) -> None:
+    def judge(self, window: EvidenceWindow) -> None:
         """Take in a window of believed heads."""
         if not window.has("heads"):
             self._agreeing = 0.0
@@ -157,7 +157,7 @@ class RingBelief:
         self._turned.extend(mean.theta[:told])
         return late
 
-    def _beyond(self, window: Window) -> str:
+    def _beyond(self, window: EvidenceWindow) -> str:
         mean = window.mean
         motion = _motion(mean.surplus_x, mean.surplus_y, mean.described_x, mean.described_y)
         # within some samples the third difference may be none where interpolation misses most
@@ -192,7 +192,7 @@ class RingBelief:
             self._slope.measure(duration)
         self.late = self._speed * self._slope.length
 
-    def _misread(self, window: Window, new: bool) -> str:
+    def _misread(self, window: EvidenceWindow, new: bool) -> str:
         """What the figure shows where its angle is new, and now and then."""
         if not new and window.number % SHORT:
             return self.doubt if self.doubt.startswith(_MISREAD) else ""
@@ -211,7 +211,7 @@ class RingBelief:
         """Add to the figure where the centre is seen; give whether an angle is new."""
         return self.figure.extend(thetas, centres, map(sub, centres, surplus), apart)
 
-    def _too_quiet(self, window: Window) -> str:
+    def _too_quiet(self, window: EvidenceWindow) -> str:
         """Heads that move and yet scatter far less than the described noise."""
         agreement, theta = window.mean.believed_agreement, window.mean.theta
         if agreement == 0.0 or self._is_bent(window.mean.head_bend, self._speed):

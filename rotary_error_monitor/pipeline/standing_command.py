@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from rotary_error_monitor.pipeline.distance_noise import missed_in
-from rotary_error_monitor.pipeline.evidence import SIGMAS, Window
+from rotary_error_monitor.pipeline.evidence import SIGMAS, EvidenceWindow
 
 STANDS = 1e-3
 """Part of the way that it should have gone by which a command has gone at most if it stands."""
@@ -21,7 +21,7 @@ class StandingCommand:
         """It goes along."""
         self._gone = 0.0
 
-    def judge(self, window: Window, last: Window) -> str:
+    def judge(self, window: EvidenceWindow, last: EvidenceWindow) -> str:
         """Why the command is wrong; empty where it goes along, or the rotor went no further than a drive does."""
         if self.goes_along((window.mean.theta, window.mean.ecc), (last.mean.theta, last.mean.ecc)):
             self._gone = 0.0

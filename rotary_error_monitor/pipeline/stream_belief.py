@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping, Sequence
 
-from rotary_error_monitor.pipeline.evidence import PERSISTENT, SHORT, WINDOW_NS, Window
+from rotary_error_monitor.pipeline.evidence import PERSISTENT, SHORT, WINDOW_NS, EvidenceWindow
 from rotary_error_monitor.pipeline.head_belief import AGREEMENT
 from rotary_error_monitor.signals.admission import LATE
 from rotary_error_monitor.signals.blocks import NANOSECONDS
@@ -61,7 +61,7 @@ class StreamBelief:
         refusals = (len(stream.admission.refusals) for stream in self._streams.values())
         return not (self.doubted or self._unjudged or any(self._parts.values()) or any(refusals))
 
-    def judge(self, window: Window, begin_ns: int) -> None:
+    def judge(self, window: EvidenceWindow, begin_ns: int) -> None:
         """Take in a window that begins at `begin_ns`, timestamp (ns)."""
         end_ns = begin_ns + round(window.duration * NANOSECONDS)
         for name, stream in self._streams.items():
@@ -84,7 +84,7 @@ class StreamBelief:
                 if self._agreeing[name] >= AGREEMENT:
                     del self.doubted[name]
 
-    def _is_unjudged(self, name: str, window: Window) -> bool:
+    def _is_unjudged(self, name: str, window: EvidenceWindow) -> bool:
         """Whether too little of a stream was there to judge it, in this window and in so many before it."""
         broken = bool(window.broken & self._bits[name])
         if not broken and name not in self._unjudged:

@@ -12,7 +12,7 @@ from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.two_axis_section import Autocollimator
 from rotary_error_monitor.metrology.description_check import DARK, MIRRORED, Claim, FigureCheck, Mistake, departure
 from rotary_error_monitor.metrology.repeated_readings import run_by_chance
-from rotary_error_monitor.pipeline.evidence import LONG, SHORT, SIGMAS, Reach, Window, Windows
+from rotary_error_monitor.pipeline.evidence import LONG, SHORT, SIGMAS, EvidenceWindow, Reach, Windows
 from rotary_error_monitor.pipeline.head_belief import AGREEMENT
 from rotary_error_monitor.pipeline.tilt_look import Look, StillParts, bounds_of, mean_of
 from rotary_error_monitor.pipeline.trailing import Trailing
@@ -100,7 +100,7 @@ class TiltBelief:
         self._still_parts.clear()
         self._gone = 0.0
 
-    def judge(self, window: Window) -> None:
+    def judge(self, window: EvidenceWindow) -> None:
         """Take in a window; the tilt counts only where the rotation is known."""
         self.reach = self._anywhere
         self.scale = self._noise_scale

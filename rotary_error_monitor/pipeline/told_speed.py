@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from rotary_error_monitor.pipeline.distance_reach import ACCELERATION
-from rotary_error_monitor.pipeline.evidence import Window
+from rotary_error_monitor.pipeline.evidence import EvidenceWindow
 
 
 class ToldSpeed:
@@ -18,11 +18,11 @@ class ToldSpeed:
         self.number: int | None = None
         self._most, self._speed, self._duration = most, 0.0, 0.0
 
-    def tell(self, window: Window, speed: float) -> None:
+    def tell(self, window: EvidenceWindow, speed: float) -> None:
         """Take in a speed, rad/s, that a window told."""
         self.number, self._speed, self._duration = window.number, speed, window.duration
 
-    def of(self, window: Window, last: Window | None) -> float:
+    def of(self, window: EvidenceWindow, last: EvidenceWindow | None) -> float:
         """Speed in a window by that before it, rad/s; where it is not told the largest that it can be."""
         if last is None or window.number != last.number + 1 or not (window.tells_rotation and last.tells_rotation):
             return self.largest(window.number)

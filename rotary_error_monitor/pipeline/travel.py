@@ -13,7 +13,7 @@ STILL = 1e-9
 Array = NDArray[np.float64]
 
 
-class Travel:
+class TravelDirections:
     """Direction of travel of each axis, step by step.
 
     An axis has turned back once it has gone back by more than half its reversal error: until then most of its play is

@@ -65,7 +65,7 @@ class Forces:
 
 
 @dataclass(frozen=True)
-class Temperature:
+class TemperatureCourse:
     """Temperature that settles: `start + rise * (1 - exp(-t / settling)) + swing * sin(2 pi t / period)`, °C and s."""
 
     start: float = 20.0
@@ -85,14 +85,14 @@ class Temperature:
         )
 
 
-def place_temperature(whole: Temperature, seed: int, place: str) -> Temperature:
+def place_temperature(whole: TemperatureCourse, seed: int, place: str) -> TemperatureCourse:
     """Temperature of one place of a stage: it begins as the whole does, and warms in its own time by its own size."""
     draw = Noise(seed, f"temperature_{place}").generator()
     rise, settling = float(draw.uniform(1.0, 4.0)), float(np.exp(draw.uniform(np.log(3.0), np.log(120.0))))
-    return Temperature(start=whole.start, rise=rise, settling=settling)
+    return TemperatureCourse(start=whole.start, rise=rise, settling=settling)
 
 
-def lagged_warming(temperature: Temperature, reference: float, time: Array, lag: float) -> Array:
+def lagged_warming(temperature: TemperatureCourse, reference: float, time: Array, lag: float) -> Array:
     """(n,) K above the reference at `time` (n,) s of a part that follows the temperature within `lag` s.
 
     The part begins at time 0 with the temperature of then. The equation of first order is solved on a fixed grid, so

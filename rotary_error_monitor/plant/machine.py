@@ -15,7 +15,7 @@ from rotary_error_monitor.errors import InputError
 
 
 @dataclass(frozen=True)
-class Poses:
+class MachineStates:
     """What a machine is told and where it stands.
 
     Attributes:
@@ -30,27 +30,27 @@ class Poses:
 
 
 @dataclass(frozen=True)
-class Placement:
+class FramePoses:
     """n poses of a frame: `p -> rotation p + shift`, shift (n, 3) m."""
 
     rotation: Rotation
     shift: Array
 
-    def then(self, other: Placement) -> Placement:
+    def then(self, other: FramePoses) -> FramePoses:
         """The frame that stands at `other` in this frame."""
-        return Placement(self.rotation * other.rotation, self.shift + self.rotation.apply(other.shift))
+        return FramePoses(self.rotation * other.rotation, self.shift + self.rotation.apply(other.shift))
 
-    def seen_from(self, other: Placement) -> Placement:
+    def seen_from(self, other: FramePoses) -> FramePoses:
         """The frame as it stands in `other`; both are given in one frame."""
         back = other.rotation.inv()
-        return Placement(back * self.rotation, back.apply(self.shift - other.shift))
+        return FramePoses(back * self.rotation, back.apply(self.shift - other.shift))
 
 
 class MachineFault:
     """Something about the true machine that its description does not say; a subclass overrides what it changes."""
 
     def over_poses(
-        self, plant: MachinePlant, poses: Poses, corrections: Array | None, monitored: Array | None
+        self, plant: MachinePlant, poses: MachineStates, corrections: Array | None, monitored: Array | None
     ) -> Array | None:
         """(n, 6) offset of the tool, where the size of the fault changes from pose to pose; None where it does not.
 
@@ -62,7 +62,7 @@ class MachineFault:
         """Parameters of the machine."""
         return machine
 
-    def err(self, errors: Array, axis: Axis, column: int, poses: Poses) -> Array:
+    def err(self, errors: Array, axis: Axis, column: int, poses: MachineStates) -> Array:
         """Error components (n, 6) of one axis, the `column`-th of the positions: shifts in m, rotations in rad."""
         return errors
 
@@ -79,7 +79,9 @@ class MachinePlant:
     description: MachineDescription
     faults: tuple[MachineFault, ...] = ()
 
-    def tool_offset(self, poses: Poses, corrections: Array | None = None, monitored: Array | None = None) -> Array:
+    def tool_offset(
+        self, poses: MachineStates, corrections: Array | None = None, monitored: Array | None = None
+    ) -> Array:
         """Tool as it is minus as it should be, in the workpiece frame.
 
         Args:
@@ -105,7 +107,7 @@ class MachinePlant:
         machine = self.description
         for fault in self.faults:
             machine = fault.describe(machine)
-        errors = self._errors(machine, Poses(moved, poses.directions, poses.warming))
+        errors = self._errors(machine, MachineStates(moved, poses.directions, poses.warming))
         live = None
         if monitored is not None:
             live = np.where(np.isnan(monitored), 0.0, monitored)
@@ -114,25 +116,25 @@ class MachinePlant:
         rotation = (actual.rotation * should.rotation.inv()).as_rotvec()
         return np.hstack([actual.shift - should.shift, rotation])
 
-    def tool_axis(self, poses: Poses) -> Array:
+    def tool_axis(self, poses: MachineStates) -> Array:
         """(n, 3) unit vector along which the tool should point, in the workpiece frame."""
         return np.asarray(self._chain(self.description, poses, None, None).rotation.apply([0.0, 0.0, 1.0]))
 
     def _chain(
         self,
         machine: MachineDescription,
-        poses: Poses,
+        poses: MachineStates,
         moved: Array | None,
         errors: dict[str, Array] | None,
         live: Array | None = None,
-    ) -> Placement:
+    ) -> FramePoses:
         """Tool in the workpiece frame; without `errors` as it should be.
 
         `live` displaces the rotor of the monitored axis as a rigid body in its stator, before it turns.
         """
         positions = poses.positions if moved is None else moved
         count = len(positions)
-        base = Placement(Rotation.from_quat(np.tile([0.0, 0.0, 0.0, 1.0], (count, 1))), np.zeros((count, 3)))
+        base = FramePoses(Rotation.from_quat(np.tile([0.0, 0.0, 0.0, 1.0], (count, 1))), np.zeros((count, 3)))
         placed = {"base": base}
         for body in machine.bodies:
             placement = placed[body.parent].then(_fixed(body.pose, count))
@@ -141,15 +143,15 @@ class MachinePlant:
             if body.axis is not None:
                 axis = machine.axis(body.axis)
                 if live is not None and axis.letter == machine.monitored:
-                    placement = placement.then(Placement(Rotation.from_rotvec(live[:, 3:]), live[:, :3]))
+                    placement = placement.then(FramePoses(Rotation.from_rotvec(live[:, 3:]), live[:, :3]))
                 placement = placement.then(_travelled(axis, positions[:, machine.letters.index(axis.letter)]))
                 if errors is not None:
                     small = errors[axis.letter]
-                    placement = placement.then(Placement(Rotation.from_rotvec(small[:, 3:]), small[:, :3]))
+                    placement = placement.then(FramePoses(Rotation.from_rotvec(small[:, 3:]), small[:, :3]))
             placed[body.name] = placement
         return placed[machine.tool].seen_from(placed[machine.workpiece])
 
-    def _errors(self, machine: MachineDescription, poses: Poses) -> dict[str, Array]:
+    def _errors(self, machine: MachineDescription, poses: MachineStates) -> dict[str, Array]:
         """Error components (n, 6) of each axis by its letter."""
         errors = {}
         for column, axis in enumerate(machine.axes):
@@ -163,7 +165,7 @@ class MachinePlant:
             errors[axis.letter] = components
         return errors
 
-    def _check(self, poses: Poses, corrections: Array | None, monitored: Array | None) -> None:
+    def _check(self, poses: MachineStates, corrections: Array | None, monitored: Array | None) -> None:
         count, axes = len(poses.positions), len(self.description.axes)
         shapes = {
             "positions": (poses.positions.shape, (count, axes)),
@@ -187,28 +189,28 @@ def make_poses(
     positions: Array,
     directions: Array | None = None,
     temperature: Array | float | None = None,
-) -> Poses:
+) -> MachineStates:
     """Poses from positions (n, axes), directions (n, axes; default +1) and temperature (default: the reference)."""
     count = len(positions)
     warm = machine.reference_temperature if temperature is None else temperature
-    return Poses(
+    return MachineStates(
         np.asarray(positions, dtype=np.float64),
         np.ones_like(positions) if directions is None else directions,
         np.broadcast_to(np.asarray(warm, dtype=np.float64) - machine.reference_temperature, (count,)),
     )
 
 
-def _fixed(displacement: Displacement, count: int) -> Placement:
+def _fixed(displacement: Displacement, count: int) -> FramePoses:
     rotation = Rotation.from_rotvec(np.tile(displacement.rotation, (count, 1)))
-    return Placement(rotation, np.tile(displacement.shift, (count, 1)))
+    return FramePoses(rotation, np.tile(displacement.shift, (count, 1)))
 
 
-def _travelled(axis: Axis, q: Array) -> Placement:
+def _travelled(axis: Axis, q: Array) -> FramePoses:
     path = np.outer(q, axis.direction)
     still = np.zeros_like(path)
     if axis.kind == "rotary":
-        return Placement(Rotation.from_rotvec(path), still)
-    return Placement(Rotation.from_rotvec(still), path)
+        return FramePoses(Rotation.from_rotvec(path), still)
+    return FramePoses(Rotation.from_rotvec(still), path)
 
 
 def over_travel(axis: Axis, q: Array) -> Array:

@@ -24,7 +24,7 @@ class CommandedCourse(Protocol):
 
 
 @dataclass(frozen=True)
-class Segment:
+class MotionSegment:
     """A stretch of motion: how long (s) and how fast (rad/s, negative is backward, 0 stands still)."""
 
     duration: float
@@ -46,7 +46,7 @@ class Motion:
         InputError: there is no segment, or a number is out of range, or a segment is shorter than its ramp.
     """
 
-    segments: tuple[Segment, ...]
+    segments: tuple[MotionSegment, ...]
     acceleration: float = 60.0
 
     def __post_init__(self) -> None:
@@ -111,9 +111,9 @@ class Motion:
 
 def reversing_motion(speeds: Sequence[float] = (np.pi / 2, 2 * np.pi)) -> Motion:
     """Stand still, run forward at each speed (rad/s), backward at each, stand still: 40 s for two speeds."""
-    rest = Segment(1.5, 0.0)
-    forward = [Segment(9.25, float(speed)) for speed in speeds]
-    backward = [Segment(segment.duration, -segment.speed) for segment in forward]
+    rest = MotionSegment(1.5, 0.0)
+    forward = [MotionSegment(9.25, float(speed)) for speed in speeds]
+    backward = [MotionSegment(segment.duration, -segment.speed) for segment in forward]
     return Motion((rest, *forward, *backward, rest))
 
 
@@ -127,7 +127,7 @@ def motion_in_use(seed: int) -> Motion:
     lengths = draw.uniform(2.0, 8.0, count)
     speeds = draw.choice([-1.0, 1.0], count) * draw.uniform(0.3, 1.0, count) * (draw.random(count) < 0.8)
     top = 10 ** draw.uniform(-4.0, 0.8)  # rad/s: in 40 s less than a thousandth of a turn, or forty turns
-    return Motion(tuple(Segment(float(t), float(top * v)) for t, v in zip(lengths, speeds, strict=True)))
+    return Motion(tuple(MotionSegment(float(t), float(top * v)) for t, v in zip(lengths, speeds, strict=True)))
 
 
 def random_motion(seed: int, duration: float = 40.0, segments: int = 6, top_speed: float = 7.6) -> Motion:
@@ -138,5 +138,5 @@ def random_motion(seed: int, duration: float = 40.0, segments: int = 6, top_spee
     lengths = shares / shares.sum() * (duration - 2 * rest)
     speeds = draw.choice([0.1, 0.25, 0.5, 0.75, 1.0], segments) * top_speed * draw.choice([-1, 1])
     signs = np.where(np.arange(segments) % 2 == 0, 1, -1)
-    rows = (Segment(float(length), float(speed)) for length, speed in zip(lengths, speeds * signs, strict=True))
-    return Motion((Segment(rest, 0.0), *rows, Segment(rest, 0.0)))
+    rows = (MotionSegment(float(length), float(speed)) for length, speed in zip(lengths, speeds * signs, strict=True))
+    return Motion((MotionSegment(rest, 0.0), *rows, MotionSegment(rest, 0.0)))

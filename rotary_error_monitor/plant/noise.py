@@ -65,7 +65,7 @@ class Noise:
 
 
 @dataclass(frozen=True)
-class Turbulence:
+class TurbulenceCourse:
     """Slow noise of standard deviation 1 with the autocorrelation `exp(-|lag| / correlation_time)`, a function of time.
 
     A first-order autoregressive sequence stands on a grid of 1/128 of the correlation time, computed in whole aligned

@@ -9,7 +9,7 @@ import numpy as np
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.plant.noise import Noise, Turbulence
+from rotary_error_monitor.plant.noise import Noise, TurbulenceCourse
 
 FORMS = ("tails", "flicker", "wander", "hum")
 """Names of the forms, as `draw_noise` takes them."""
@@ -75,13 +75,13 @@ class Flicker(NoiseForm):
             longest = LONGEST
             while longest > SHORTEST / self.rate:
                 own = Noise(noise.seed, f"{noise.name}_flicker_{column}_{longest:.3g}")
-                total[:, column] += np.sqrt(variance) * Turbulence(own, longest).at(time)
+                total[:, column] += np.sqrt(variance) * TurbulenceCourse(own, longest).at(time)
                 longest /= SPREAD
         return total
 
 
 @dataclass(frozen=True)
-class Wander(NoiseForm):
+class WanderingNoise(NoiseForm):
     """Noise that remembers itself for a while beside the stated white one, as that of air or of an oil film.
 
     Attributes:
@@ -97,7 +97,7 @@ class Wander(NoiseForm):
         total = normal.copy()
         for column in range(normal.shape[1]):
             own = Noise(noise.seed, f"{noise.name}_wander_{column}")
-            total[:, column] += self.size * Turbulence(own, self.correlation_time).at(time)
+            total[:, column] += self.size * TurbulenceCourse(own, self.correlation_time).at(time)
         return total
 
 
@@ -139,7 +139,7 @@ def draw_noise(form: str, draw: np.random.Generator, rate: float, count: int) ->
     if form == "wander":
         memory = float(np.exp(draw.uniform(*np.log((0.01, 0.25))))) * count / rate
         louder = float(np.exp(draw.uniform(*np.log((2.0, 30.0)))))  # than the white noise, at low frequencies
-        return Wander(float(np.sqrt(louder / (2 * memory * rate))), memory)
+        return WanderingNoise(float(np.sqrt(louder / (2 * memory * rate))), memory)
     if form == "hum":
         seen = float(draw.uniform(1.5, 4.0))  # standard deviations; a search of all lines alarms from about 5.5
         return Hum(50.0 + float(draw.uniform(-0.1, 0.1)), seen * float(np.sqrt(2 / count)))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.description.stage import StageDescription
-from rotary_error_monitor.plant.environment import Temperature
+from rotary_error_monitor.plant.environment import TemperatureCourse
 from rotary_error_monitor.plant.geometry import Plane, Turns, as_columns
 from rotary_error_monitor.plant.motion import CommandedCourse
 
@@ -47,8 +47,8 @@ class Scene:
     tilt: Plane
     stage: StageDescription
     motion: CommandedCourse
-    temperature: Temperature
-    places: Mapping[str, Temperature] = field(default_factory=dict)
+    temperature: TemperatureCourse
+    places: Mapping[str, TemperatureCourse] = field(default_factory=dict)
 
     def warming_at(self, place: str) -> NDArray[np.float64]:
         """(n,) temperature of a place above the reference, K; of the stage where the place has no name."""

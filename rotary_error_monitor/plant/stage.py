@@ -14,11 +14,11 @@ from rotary_error_monitor.description.sensor_section import PLACE_TEMPERATURE, S
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant.clocks import HEAD, STREAMS, Clock, fields_of, stage_clocks
-from rotary_error_monitor.plant.environment import Forces, Temperature, place_temperature
+from rotary_error_monitor.plant.environment import Forces, TemperatureCourse, place_temperature
 from rotary_error_monitor.plant.geometry import Turns, as_columns, waves
 from rotary_error_monitor.plant.instruments import ENTRY_POINTS, geometries, planar, pushed, read_off, seen
 from rotary_error_monitor.plant.motion import CommandedCourse, reversing_motion
-from rotary_error_monitor.plant.noise import Noise, Turbulence
+from rotary_error_monitor.plant.noise import Noise, TurbulenceCourse
 from rotary_error_monitor.plant.noise_forms import NoiseForm
 from rotary_error_monitor.plant.scene import Fault, Scene
 from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
@@ -50,14 +50,14 @@ class StagePlant:
     epoch_ns: int = 0
     motion: CommandedCourse = field(default_factory=reversing_motion)
     forces: Forces = field(default_factory=Forces)
-    temperature: Temperature = field(default_factory=Temperature)
+    temperature: TemperatureCourse = field(default_factory=TemperatureCourse)
     clocks: Mapping[str, Clock] = field(default_factory=stage_clocks)
     faults: tuple[Fault, ...] = ()
     jitter: float = 2e-6
     noise_forms: Mapping[str, NoiseForm] = field(default_factory=dict)
     force_noise: float = 0.2
     temperature_noise: float = 0.01
-    places: Mapping[str, Temperature] = field(default_factory=dict)
+    places: Mapping[str, TemperatureCourse] = field(default_factory=dict)
 
     @cached_property
     def stage(self) -> StageDescription:
@@ -68,7 +68,7 @@ class StagePlant:
         return stage
 
     @cached_property
-    def place_temperatures(self) -> Mapping[str, Temperature]:
+    def place_temperatures(self) -> Mapping[str, TemperatureCourse]:
         """Temperature of each place with a listed thermometer, by its name."""
         drawn = {place: place_temperature(self.temperature, self.seed, place) for place in self.stage.thermometers}
         return drawn | {**self.places}
@@ -226,7 +226,9 @@ class StagePlant:
         air = self.stage.tilt_instrument.turbulence
         if air is None:
             return 0.0
-        columns = (Turbulence(Noise(self.seed, f"turbulence_{axis}"), air.correlation_time).at(time) for axis in "xy")
+        columns = (
+            TurbulenceCourse(Noise(self.seed, f"turbulence_{axis}"), air.correlation_time).at(time) for axis in "xy"
+        )
         return air.std * np.stack(list(columns), axis=1)
 
 

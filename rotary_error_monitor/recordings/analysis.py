@@ -12,7 +12,7 @@ from rotary_error_monitor.analysis.comparison import Stay, stays_of
 from rotary_error_monitor.analysis.course import estimate_drifts
 from rotary_error_monitor.analysis.motion import SegmentFigures, analyse_motion
 from rotary_error_monitor.analysis.positions import positioning_of
-from rotary_error_monitor.analysis.result import Analysis, as_mapping, figures_of
+from rotary_error_monitor.analysis.result import AnalysisResult, as_mapping, figures_of
 from rotary_error_monitor.analysis.signals import default_heights
 from rotary_error_monitor.analysis.verdict import judge
 from rotary_error_monitor.bags.kept_rows import kept_beside, kept_in
@@ -92,7 +92,7 @@ class FileAnalysis:
     outputs: Mapping[str, Path]
     against: Path | None = None
 
-    def run(self, progress: Progress = silent) -> tuple[Analysis, tuple[Change, ...] | None]:
+    def run(self, progress: Progress = silent) -> tuple[AnalysisResult, tuple[Change, ...] | None]:
         """Analyse, and write the results: all of them, or what stood there stays. Changes where there is another bag.
 
         Args:
@@ -106,7 +106,7 @@ class FileAnalysis:
         self._write(analysis, changes)
         return analysis, changes
 
-    def analyse(self, progress: Progress = silent) -> tuple[Analysis, tuple[Change, ...] | None]:
+    def analyse(self, progress: Progress = silent) -> tuple[AnalysisResult, tuple[Change, ...] | None]:
         """Analyse alone; arguments and results as `run`.
 
         Raises:
@@ -122,7 +122,7 @@ class FileAnalysis:
             changes = tuple(changes_between(list(figures_of(other)), list(figures_of(analysis))))
         return analysis, changes
 
-    def write(self, analysis: Analysis, changes: tuple[Change, ...] | None) -> None:
+    def write(self, analysis: AnalysisResult, changes: tuple[Change, ...] | None) -> None:
         """Write what `analyse` gave: all of the files, or what stood there stays.
 
         Raises:
@@ -136,10 +136,10 @@ class FileAnalysis:
         check_outputs(self.outputs.values(), [*read, machine_path(self.machine) if self.machine else None])
         check_places(self.outputs.values())
 
-    def _write(self, analysis: Analysis, changes: tuple[Change, ...] | None) -> None:
+    def _write(self, analysis: AnalysisResult, changes: tuple[Change, ...] | None) -> None:
         write_all(dict(self._contents(analysis, changes)))
 
-    def _contents(self, analysis: Analysis, changes: tuple[Change, ...] | None) -> Iterator[tuple[Path, bytes]]:
+    def _contents(self, analysis: AnalysisResult, changes: tuple[Change, ...] | None) -> Iterator[tuple[Path, bytes]]:
         beside = {"machine": self.machine} if self.machine else {}
         beside |= {"compared with": str(self.against)} if self.against else {}
         about = about_of(self.recording, self.stage_file, **beside)
@@ -167,7 +167,7 @@ def analyse_bag(
     question: Question | None = None,
     keep: Keep | None = None,
     progress: Progress = silent,
-) -> Analysis:
+) -> AnalysisResult:
     """Analyse the recording of a stage; its error motion is that of a replay, which is that of the live run.
 
     Args:
@@ -195,7 +195,7 @@ def analyse_bag(
     acting = streams.acting(stage)
     temperatures = {name.partition(",")[0]: each for name, each in acting.items() if name.endswith("°C")}
     outcome, judged = judge(segments, question.limits)
-    return Analysis(
+    return AnalysisResult(
         outcome,
         judged,
         segments,

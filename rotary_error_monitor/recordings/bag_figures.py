@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from rotary_error_monitor.analysis.result import Analysis, figures_of
+from rotary_error_monitor.analysis.result import AnalysisResult, figures_of
 from rotary_error_monitor.bags.naming import ROOT, Naming
 from rotary_error_monitor.bags.search import cells_of, fingerprint_of
 from rotary_error_monitor.description.machine import MachineDescription, machine_mapping
@@ -18,13 +18,13 @@ from rotary_error_monitor.description.stage import StageDescription, stage_mappi
 from rotary_error_monitor.errors import InputError, one_line
 from rotary_error_monitor.pipeline.estimator_settings import EstimatorSettings
 from rotary_error_monitor.recordings.analysis import Question, analyse_bag
-from rotary_error_monitor.recordings.index import Entry
+from rotary_error_monitor.recordings.index import IndexEntry
 from rotary_error_monitor.recordings.stage_names import label_of
 
 if TYPE_CHECKING:  # takes long to load
     from rotary_error_monitor.report.folder_diagnosis import DiagnosedBag
 
-Row = TypeVar("Row", Entry, "DiagnosedBag")
+Row = TypeVar("Row", IndexEntry, "DiagnosedBag")
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class BagResult:
 
     before: str
     after: str
-    entries: tuple[Entry, ...]
+    entries: tuple[IndexEntry, ...]
 
 
 def read_figures(task: BagTask) -> BagResult:
@@ -98,17 +98,17 @@ def rows_of_cells(bag: Path, naming: Naming, known: Row, read: Callable[[Row, Na
             yield replace(row, reason=reason_of(error))
 
 
-def _entries(task: BagTask) -> Iterator[Entry]:
+def _entries(task: BagTask) -> Iterator[IndexEntry]:
     label = label_of(task.path)
 
-    def read(known: Entry, naming: Naming) -> Entry:
+    def read(known: IndexEntry, naming: Naming) -> IndexEntry:
         question = replace(task.question, naming=naming)
         return _entry(known, analyse_bag(task.path, task.stage, task.machine, question))
 
-    return rows_of_cells(task.path, task.question.naming, Entry("", label.stage, label.started_ns), read)
+    return rows_of_cells(task.path, task.question.naming, IndexEntry("", label.stage, label.started_ns), read)
 
 
-def _entry(known: Entry, analysis: Analysis) -> Entry:
+def _entry(known: IndexEntry, analysis: AnalysisResult) -> IndexEntry:
     figures = tuple(figures_of(analysis))
     if not figures:
         return replace(known, reason=one_line("; ".join(analysis.remarks)) or "it tells no figure")

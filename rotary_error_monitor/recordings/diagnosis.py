@@ -13,7 +13,7 @@ from rotary_error_monitor.bags.metadata import recorded_span
 from rotary_error_monitor.bags.naming import THE_ONLY_CELL, Naming
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.files import check_outputs, check_places, exists, make_folder, write_all
-from rotary_error_monitor.gap.diagnosis import Diagnosis, FoundCause, diagnose
+from rotary_error_monitor.gap.diagnosis import DiagnosisResult, FoundCause, diagnose
 from rotary_error_monitor.gap.loading import AnyTwinFile, improved_twin, load_problem, load_twin
 from rotary_error_monitor.gap.options import FALSE_ALARMS, MOST_CAUSES
 from rotary_error_monitor.gap.problem import DiagnosableProblem
@@ -50,7 +50,7 @@ class FileDiagnosis:
     improved: Path | None = None
     naming: Naming = THE_ONLY_CELL
 
-    def run(self, painter: Painter | None, progress: Callable[[str], None]) -> Diagnosis:
+    def run(self, painter: Painter | None, progress: Callable[[str], None]) -> DiagnosisResult:
         """Diagnose, and write the results.
 
         Args:
@@ -77,7 +77,7 @@ class FileDiagnosis:
         """Files and bags that are read."""
         return [self.recording, self.twin, *self.effects]
 
-    def diagnose(self, progress: Callable[[str], None]) -> tuple[AnyTwinFile, DiagnosableProblem, Diagnosis]:
+    def diagnose(self, progress: Callable[[str], None]) -> tuple[AnyTwinFile, DiagnosableProblem, DiagnosisResult]:
         """Diagnose alone: the twin, it beside the recording, and what was found.
 
         Raises:
@@ -92,7 +92,7 @@ class FileDiagnosis:
         return twin, problem, diagnose(problem, self.false_alarms, self.most_causes, progress)
 
     def _contents(
-        self, twin: AnyTwinFile, problem: DiagnosableProblem, diagnosis: Diagnosis, painter: Painter | None
+        self, twin: AnyTwinFile, problem: DiagnosableProblem, diagnosis: DiagnosisResult, painter: Painter | None
     ) -> dict[Path, bytes]:
         """What is written where."""
         found = {self.output / "diagnosis.json": json_of(diagnosis.as_mapping())}

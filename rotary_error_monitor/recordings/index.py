@@ -47,7 +47,7 @@ _CONFIG: dict[str, str | bool | int | float | list[str]] = {
 
 
 @dataclass(frozen=True)
-class Entry:
+class IndexEntry:
     """What a bag says of one of its cells, or why it says nothing.
 
     Attributes:
@@ -106,7 +106,7 @@ class Index:
         """All bags, whatever was asked of them."""
         return {bag for (bag,) in self._all("SELECT DISTINCT bag FROM recordings WHERE folder = ?", [self._folder])}
 
-    def entries(self, question: str) -> Iterator[tuple[str, Entry]]:
+    def entries(self, question: str) -> Iterator[tuple[str, IndexEntry]]:
         """What is known, with the bag that it is of, ordered by bag and cell."""
         rows = self._all(
             "SELECT recording, bag, cell, stage, started_ns, reason, remarks FROM recordings "
@@ -126,9 +126,9 @@ class Index:
             speeds[recording].append((segment, speed))
         for recording, bag, cell, stage, started_ns, reason, remarks in rows:
             own = tuple(figures[recording]), tuple(speeds[recording])
-            yield bag, Entry(cell, stage, started_ns, *own, reason, tuple(remarks))
+            yield bag, IndexEntry(cell, stage, started_ns, *own, reason, tuple(remarks))
 
-    def put(self, bag: str, question: str, fingerprint: str, entries: Iterable[Entry]) -> None:
+    def put(self, bag: str, question: str, fingerprint: str, entries: Iterable[IndexEntry]) -> None:
         """Replace what is known of a bag for a question: all of it at once, or nothing."""
         with self._transaction():
             self._delete("folder = ? AND bag = ? AND question = ?", [self._folder, bag, question])

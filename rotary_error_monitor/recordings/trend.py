@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 
-from rotary_error_monitor.analysis.history import Recorded, histories
+from rotary_error_monitor.analysis.history import RecordingFigures, histories
 from rotary_error_monitor.analysis.result import Figure
 from rotary_error_monitor.analysis.trend_result import FolderTrend, Unread, as_mapping, date_of
 from rotary_error_monitor.bags.search import find_bags, fingerprint_of
@@ -19,7 +19,7 @@ from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.files import check_outputs, check_places, write_all
 from rotary_error_monitor.recordings.analysis import Question, check_machine
 from rotary_error_monitor.recordings.bag_figures import BagResult, BagTask, question_key, read_figures
-from rotary_error_monitor.recordings.index import NAME, Entry, Index
+from rotary_error_monitor.recordings.index import NAME, Index, IndexEntry
 from rotary_error_monitor.recordings.stage_names import StageNames
 from rotary_error_monitor.recordings.workers import Lost, run_all
 from rotary_error_monitor.report.drawn import Drawn
@@ -173,10 +173,10 @@ def _why_not(expected: str, answer: BagResult | Lost) -> str:
     return ""
 
 
-def _recorded(names: StageNames, bag: str, entry: Entry) -> Recorded:
+def _recorded(names: StageNames, bag: str, entry: IndexEntry) -> RecordingFigures:
     assert entry.started_ns is not None
     stage = names.of(bag, entry.stage)
-    return Recorded(bag, stage, entry.cell, entry.started_ns, entry.figures, dict(entry.speeds), entry.remarks)
+    return RecordingFigures(bag, stage, entry.cell, entry.started_ns, entry.figures, dict(entry.speeds), entry.remarks)
 
 
 def _table(trend: FolderTrend) -> bytes:

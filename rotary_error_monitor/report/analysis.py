@@ -8,11 +8,11 @@ from itertools import groupby
 
 from rotary_error_monitor.analysis.changes import Change
 from rotary_error_monitor.analysis.motion import SegmentFigures, SignalFigures
-from rotary_error_monitor.analysis.result import Analysis, Figure, figures_of
+from rotary_error_monitor.analysis.result import AnalysisResult, Figure, figures_of
 from rotary_error_monitor.analysis.verdict import Conformity, Judged
 from rotary_error_monitor.gap.quantities import number, rounded, shared_power
 from rotary_error_monitor.metrology.circles import CENTRES
-from rotary_error_monitor.metrology.spindle_figures import Value
+from rotary_error_monitor.metrology.spindle_figures import ErrorMotionValue
 from rotary_error_monitor.report.drawn import Drawn
 from rotary_error_monitor.report.page import (
     Tone,
@@ -70,7 +70,7 @@ _TERMS = {
 _CENTRES = ("MZC", "MCC", "MIC")
 
 
-def verdict_sentence(analysis: Analysis) -> str:
+def verdict_sentence(analysis: AnalysisResult) -> str:
     """What is said first."""
     rows = analysis.judged
     if analysis.outcome is Conformity.NO_LIMITS:
@@ -84,7 +84,7 @@ def verdict_sentence(analysis: Analysis) -> str:
     return f"Whether the stage keeps its limits cannot be told: {told}."
 
 
-def verdict_box(analysis: Analysis, items: Sequence[str] = ()) -> str:
+def verdict_box(analysis: AnalysisResult, items: Sequence[str] = ()) -> str:
     """What is said first, as HTML; the items stand below the sentence."""
     return verdict(*BADGES[analysis.outcome], verdict_sentence(analysis), items)
 
@@ -107,9 +107,9 @@ def _closest(rows: tuple[Judged, ...]) -> str:
     return f"Closest is {_against(row)}."
 
 
-def _largest(analysis: Analysis) -> str:
+def _largest(analysis: AnalysisResult) -> str:
     """The largest total values, for who has no limits."""
-    found: dict[str, tuple[Value, str, str, str]] = {}
+    found: dict[str, tuple[ErrorMotionValue, str, str, str]] = {}
     for segment in analysis.segments:
         for signal in segment.signals:
             value = signal.values["total"]
@@ -122,7 +122,7 @@ def _largest(analysis: Analysis) -> str:
 
 
 def page(
-    analysis: Analysis,
+    analysis: AnalysisResult,
     pictures: Mapping[str, Sequence[Drawn]],
     title: str,
     facts: Mapping[str, str],
@@ -155,7 +155,7 @@ def page(
     return whole_page("Analysis", title, sections)
 
 
-def _limits(analysis: Analysis) -> str:
+def _limits(analysis: AnalysisResult) -> str:
     rows = [
         [
             row.name.replace("_", " "),
@@ -227,7 +227,7 @@ def _quantity_table(signals: Sequence[SignalFigures]) -> str:
     return table(["signal", *(f"{spoken(name)}, {unit}" for name in (*names, *centres)), "turns"], rows)
 
 
-def _others(analysis: Analysis) -> str:
+def _others(analysis: AnalysisResult) -> str:
     """Figures of the recording as a whole."""
     rows = [[spoken(figure.name), _of_whole(figure)] for figure in figures_of(analysis) if not figure.segment]
     remarks = analysis.positioning.remarks
@@ -243,7 +243,7 @@ def _of_whole(figure: Figure) -> str:
     return with_unit(figure.value, figure.unit, figure.expanded_uncertainty or 0.0)
 
 
-def _streams(analysis: Analysis) -> str:
+def _streams(analysis: AnalysisResult) -> str:
     rows = [
         [
             stream.topic,
@@ -263,12 +263,12 @@ def _streams(analysis: Analysis) -> str:
     )
 
 
-def _fallen_out(analysis: Analysis) -> str:
+def _fallen_out(analysis: AnalysisResult) -> str:
     return (
         bullets(list(_fall_outs(analysis))) if analysis.fallen_out else "<p>Every instrument was used throughout.</p>"
     )
 
 
-def _fall_outs(analysis: Analysis) -> Iterator[str]:
+def _fall_outs(analysis: AnalysisResult) -> Iterator[str]:
     for each in analysis.fallen_out:
         yield f"{each.what} was not used for {each.duration:.3g} s, from {each.begin:.3f} s after the first estimate on"

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from rotary_error_monitor.analysis.motion import SegmentFigures, SignalFigures
-from rotary_error_monitor.analysis.result import Analysis
+from rotary_error_monitor.analysis.result import AnalysisResult
 from rotary_error_monitor.analysis.signals import RADIAL, ROTATING
 from rotary_error_monitor.report.drawing import (
     NARROW,
@@ -53,13 +53,13 @@ COLUMNS = {POLAR: 3, ORDERS: 2, COURSE: 2}
 _Line = tuple[NDArray[np.floating[Any]], NDArray[np.float64]]
 
 
-def draw(analysis: Analysis) -> dict[str, list[Drawn]]:
+def draw(analysis: AnalysisResult) -> dict[str, list[Drawn]]:
     """Pictures by what they show; none of what there is nothing of."""
     found = {name: [drawn(*each) for each in sketches(analysis, name)] for name in (POLAR, ORDERS, COURSE)}
     return {name: pictures for name, pictures in found.items() if pictures}
 
 
-def sketches(analysis: Analysis, shown: str) -> Iterator[Sketch]:
+def sketches(analysis: AnalysisResult, shown: str) -> Iterator[Sketch]:
     """Pictures of `POLAR`, `ORDERS` or `COURSE`, one after another."""
     if shown == COURSE:
         yield from _courses(analysis)
@@ -164,7 +164,7 @@ def _peaks(signals: Sequence[SignalFigures], unit: str) -> str:
     return "; ".join(parts)
 
 
-def _courses(analysis: Analysis) -> Iterator[Sketch]:
+def _courses(analysis: AnalysisResult) -> Iterator[Sketch]:
     panels = [*_drift_panels(analysis), *((name, {name: each}) for name, each in _acting(analysis).items())]
     for title, lines in panels:
         figure, ax = new_axes(WIDE, _HEIGHT, list(lines) if len(lines) > 1 else ())
@@ -188,7 +188,7 @@ def _range(lines: Mapping[str, _Line]) -> str:
     return f"{told.min():.3g} to {told.max():.3g}" if len(told) else "nothing to nothing"
 
 
-def _drift_panels(analysis: Analysis) -> Iterator[tuple[str, Mapping[str, _Line]]]:
+def _drift_panels(analysis: AnalysisResult) -> Iterator[tuple[str, Mapping[str, _Line]]]:
     for unit, title in (("m", "mean of a turn, µm"), ("rad", "mean of a turn, µrad")):
         lines = {
             spoken(drift.signal): ((drift.times_ns - analysis.span_ns[0]) * 1e-9, drift.means * 1e6)
@@ -199,7 +199,7 @@ def _drift_panels(analysis: Analysis) -> Iterator[tuple[str, Mapping[str, _Line]
             yield title, lines
 
 
-def _acting(analysis: Analysis) -> Mapping[str, _Line]:
+def _acting(analysis: AnalysisResult) -> Mapping[str, _Line]:
     begin, end = analysis.span_ns
     found = {}
     for name, samples in analysis.acting.items():

@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from rotary_error_monitor.calibration.assembly import AssemblyResult
-from rotary_error_monitor.calibration.head_comparison import AssemblyComparison, HeadPair, Signal
+from rotary_error_monitor.calibration.head_comparison import AssemblyComparison, ComparedSignal, HeadPair
 from rotary_error_monitor.report.drawing import go_round
 from rotary_error_monitor.report.palette import BLUE, GREY, VERMILION, colour
 from rotary_error_monitor.report.plot import Plot, save
@@ -31,7 +31,7 @@ def draw_assembly(path: Path, result: AssemblyResult) -> None:
     """Draw what was compared; rows: opposed heads, neighbours, mirror, each before and after, and their orders."""
     comparison = result.comparison
     assert comparison is not None  # it is made with every result
-    groups: list[tuple[str, Sequence[Signal], int]] = [
+    groups: list[tuple[str, Sequence[ComparedSignal], int]] = [
         ("opposed heads", [pair for pair in comparison.pairs if pair.opposed], comparison.highest),
         ("neighbouring heads", [pair for pair in comparison.pairs if not pair.opposed], comparison.highest),
         ("mirror", list(comparison.mirror), comparison.tilt_highest),
@@ -51,7 +51,7 @@ def draw_assembly(path: Path, result: AssemblyResult) -> None:
 def _draw_over_turn(
     ax: Axes,
     comparison: AssemblyComparison,
-    signals: Sequence[Signal],
+    signals: Sequence[ComparedSignal],
     after: bool,
 ) -> None:
     """Means over a degree in arcsec: forward as a line, backward as dots; beside it µm at the ring."""
@@ -75,7 +75,7 @@ def _draw_over_turn(
         beside.set_ylabel("µm at the ring" + ("" if alike else f" of {pairs[0].name}"))
 
 
-def _draw_orders(ax: Axes, signals: Sequence[Signal], highest: int) -> None:
+def _draw_orders(ax: Axes, signals: Sequence[ComparedSignal], highest: int) -> None:
     """Amplitudes of orders, the largest of all signals: hollow before, filled after."""
     spectra = [signal.spectrum(highest) for signal in signals]
     before, after = (np.max([each[k] for each in spectra], axis=0) * ARCSEC for k in range(2))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 from collections.abc import Iterator, Mapping, Sequence
 
-from rotary_error_monitor.gap.diagnosis import Diagnosis, FoundCause
+from rotary_error_monitor.gap.diagnosis import DiagnosisResult, FoundCause
 from rotary_error_monitor.gap.problem import DiagnosableProblem
 from rotary_error_monitor.gap.quantities import quantity
 from rotary_error_monitor.gap.sentences import describe_cause, verdict_sentence, what_is_left, what_shrinks
@@ -67,7 +67,7 @@ _STEPS_OF_UNKNOWN = (
 
 
 def report_files(
-    problem: DiagnosableProblem, diagnosis: Diagnosis, title: str, painter: Painter, facts: Mapping[str, str]
+    problem: DiagnosableProblem, diagnosis: DiagnosisResult, title: str, painter: Painter, facts: Mapping[str, str]
 ) -> dict[str, bytes]:
     """Contents of `diagnosis.html` and `diagnosis.png`; `facts` say what was diagnosed, when, and by what."""
     sheet = painter.draw(picture_of(problem, diagnosis))
@@ -77,7 +77,7 @@ def report_files(
     }
 
 
-def page(diagnosis: Diagnosis, pictures: Sequence[Sequence[Drawn]], title: str, facts: Mapping[str, str]) -> str:
+def page(diagnosis: DiagnosisResult, pictures: Sequence[Sequence[Drawn]], title: str, facts: Mapping[str, str]) -> str:
     """The whole page; the pictures, in rows, are in it, nothing is loaded from elsewhere."""
     sections = [
         verdict_box(diagnosis),
@@ -97,7 +97,7 @@ def page(diagnosis: Diagnosis, pictures: Sequence[Sequence[Drawn]], title: str, 
     return whole_page("Diagnosis", title, sections)
 
 
-def verdict_box(diagnosis: Diagnosis) -> str:
+def verdict_box(diagnosis: DiagnosisResult) -> str:
     """What is said first, as HTML, with the causes and what is left below the sentence."""
     tone, badge = BADGES[diagnosis.verdict]
     if not diagnosis.causes:
@@ -108,7 +108,7 @@ def verdict_box(diagnosis: Diagnosis) -> str:
     return verdict(tone, badge, f"{shrinks[0].upper()}{shrinks[1:]}, by:", [*causes, *([left] if left else [])])
 
 
-def _gap(diagnosis: Diagnosis) -> str:
+def _gap(diagnosis: DiagnosisResult) -> str:
     gap = diagnosis.gap
     low, high = gap.interval
     head, row = ["before"], [f"{gap.before:.4g}"]
@@ -122,7 +122,7 @@ def _gap(diagnosis: Diagnosis) -> str:
     return section("How far, in standard deviations of the noise", table(head, [row]))
 
 
-def _causes(diagnosis: Diagnosis) -> str:
+def _causes(diagnosis: DiagnosisResult) -> str:
     rows = [row for found in diagnosis.causes for row in _rows_of(found)]
     head = ["effect", "where", "probability", "parameter", "value", "what to do about it", "source"]
     return section("Causes added to the model", table(head, rows), _departures(diagnosis))
@@ -143,7 +143,7 @@ def _named(found: FoundCause) -> str:
     return f"{effect.title} ({effect.name})" if effect.title else effect.name
 
 
-def _departures(diagnosis: Diagnosis) -> str:
+def _departures(diagnosis: DiagnosisResult) -> str:
     rows = [
         [_named(found), found.cause.location or "–", row.pattern, f"{row.share:.1%}"]
         for found in diagnosis.causes
@@ -153,13 +153,13 @@ def _departures(diagnosis: Diagnosis) -> str:
     return f"<h3>How they depart</h3>{table(head, rows)}" if rows else ""
 
 
-def _steps(diagnosis: Diagnosis) -> str:
+def _steps(diagnosis: DiagnosisResult) -> str:
     if diagnosis.verdict is not Verdict.UNKNOWN:
         return ""
     return section("What to do next", bullets(_STEPS_OF_UNKNOWN))
 
 
-def _where(diagnosis: Diagnosis) -> str:
+def _where(diagnosis: DiagnosisResult) -> str:
     rows = []
     for share in diagnosis.where:
         unit, factor = share.shown_in
@@ -169,7 +169,7 @@ def _where(diagnosis: Diagnosis) -> str:
     return section("Where", table(head, rows) or paragraph("Nothing exceeds the noise."))
 
 
-def _figures(diagnosis: Diagnosis) -> str:
+def _figures(diagnosis: DiagnosisResult) -> str:
     return section("Key figures", table(["figure", "value"], [_figure(*each) for each in diagnosis.figures.items()]))
 
 
@@ -182,7 +182,7 @@ def _figure(name: str, value: float) -> list[str]:
     return [name.replace("_", " "), f"{told:.3g}"]
 
 
-def _ranking(diagnosis: Diagnosis) -> str:
+def _ranking(diagnosis: DiagnosisResult) -> str:
     shown = diagnosis.ranking[:_MOST_RANKED]
     rows = [[r.effect, r.location or "–", f"{r.probability:.1%}", f"{r.held_out_gap:.4g}"] for r in shown]
     more = len(diagnosis.ranking) - len(shown)
@@ -193,7 +193,7 @@ def _ranking(diagnosis: Diagnosis) -> str:
     )
 
 
-def _next(diagnosis: Diagnosis) -> str:
+def _next(diagnosis: DiagnosisResult) -> str:
     if not diagnosis.indistinguishable:
         return ""
     items = "".join(
@@ -205,7 +205,7 @@ def _next(diagnosis: Diagnosis) -> str:
     return section("What to measure next", paragraph("This recording cannot tell these apart:"), f"<ul>{items}</ul>")
 
 
-def _notes(diagnosis: Diagnosis) -> str:
+def _notes(diagnosis: DiagnosisResult) -> str:
     left = [f"{finding.channel}: {finding.pattern}" for finding in diagnosis.remainder]
     parts = [("What remains", left), ("Notes", diagnosis.remarks)]
     return "".join(section(title, bullets(items)) for title, items in parts if items)

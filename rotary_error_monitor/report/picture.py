@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from rotary_error_monitor.gap.views import View
 
 if TYPE_CHECKING:  # who draws need not load what diagnoses
-    from rotary_error_monitor.gap.diagnosis import Diagnosis
+    from rotary_error_monitor.gap.diagnosis import DiagnosisResult
     from rotary_error_monitor.gap.problem import DiagnosableProblem
     from rotary_error_monitor.gap.shrink import Gap
 
@@ -42,7 +42,7 @@ class Picture:
     views: tuple[View, ...]
 
 
-def picture_of(problem: DiagnosableProblem, diagnosis: Diagnosis) -> Picture:
+def picture_of(problem: DiagnosableProblem, diagnosis: DiagnosisResult) -> Picture:
     """What the figure of a diagnosis shows."""
     shown = [share.channel for share in diagnosis.where if share.share > 0.01][:CHANNELS_SHOWN]
     views = problem.views(shown, [found.cause for found in diagnosis.causes]) if shown else []

@@ -6,8 +6,8 @@ import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 
-from rotary_error_monitor.analysis.history import StageHistory, Standing
-from rotary_error_monitor.analysis.trend import Reach, Trend
+from rotary_error_monitor.analysis.history import LimitStanding, StageHistory
+from rotary_error_monitor.analysis.trend import LimitReach, Trend
 from rotary_error_monitor.analysis.trend_result import FolderTrend, Unread, date_of
 from rotary_error_monitor.analysis.verdict import Conformity
 from rotary_error_monitor.gap.quantities import number, shared_power
@@ -125,7 +125,7 @@ _LIMIT_HEAD = (
 )
 
 
-def _limit(stage: StageHistory, standing: Standing) -> list[str]:
+def _limit(stage: StageHistory, standing: LimitStanding) -> list[str]:
     now, first, reaching = standing.now, standing.first_beyond, standing.reaching
     return [
         spoken(now.name),
@@ -140,7 +140,7 @@ def _limit(stage: StageHistory, standing: Standing) -> list[str]:
     ]
 
 
-def _when(reach: Reach) -> str:
+def _when(reach: LimitReach) -> str:
     latest = "never" if reach.latest_ns is None else date_of(reach.latest_ns)[:10]
     return f"{date_of(reach.at_ns)[:10]}, between {date_of(reach.earliest_ns)[:10]} and {latest}"
 

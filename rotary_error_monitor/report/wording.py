@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from rotary_error_monitor.effects.effect import Estimate
+from rotary_error_monitor.effects.effect import ParameterEstimate
 from rotary_error_monitor.gap.quantities import quantity
-from rotary_error_monitor.metrology.spindle_figures import Value
+from rotary_error_monitor.metrology.spindle_figures import ErrorMotionValue
 
 _HEIGHT = re.compile(r"(?<=\d)mm\b")
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -34,11 +34,11 @@ def power_of_ten(exponent: int) -> str:
     return "10" + f"{exponent}".translate(_RAISED)
 
 
-def amount(value: Value, unit: str) -> str:
+def amount(value: ErrorMotionValue, unit: str) -> str:
     """Value and expanded uncertainty, such as `1.72 ± 0.05 µm`."""
     return with_unit(value.value, unit, value.expanded)
 
 
 def with_unit(value: float, unit: str, uncertainty: float = 0.0) -> str:
     """A value of an SI unit with the prefix that suits it, and its uncertainty, where there is one."""
-    return quantity(Estimate(value, uncertainty), unit)
+    return quantity(ParameterEstimate(value, uncertainty), unit)

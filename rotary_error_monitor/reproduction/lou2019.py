@@ -22,7 +22,7 @@ from rotary_error_monitor.notebook.estimates import estimate
 from rotary_error_monitor.notebook.recording import read_bag
 from rotary_error_monitor.reproduction.lou2019_figures import Readings, original_errors, separated_errors, verified
 from rotary_error_monitor.reproduction.lou2019_plant import LEFT_BY_A_LINE, REFERENCE, LouStage
-from rotary_error_monitor.reproduction.procedure import Bench, ProcedureStep, Reproduction, Row
+from rotary_error_monitor.reproduction.procedure import Bench, PaperComparison, ProcedureStep, Reproduction
 from rotary_error_monitor.reproduction.units import ARCSEC, UM
 
 PAPER = (
@@ -186,10 +186,10 @@ class Lou2019:
         assert self._calibrated.lvdt is not None
         return self._calibrated.lvdt.height
 
-    def _instruments(self) -> Iterator[Row]:
+    def _instruments(self) -> Iterator[PaperComparison]:
         ring = self._calibrated.ring
         count = ring.resolution / ARCSEC
-        yield Row(
+        yield PaperComparison(
             "resolution of the encoder (Section 3)",
             "0.412 arcsec",
             f"{count:.4f} arcsec",
@@ -197,7 +197,7 @@ class Lou2019:
             abs(count - 0.412) < 5e-4,
         )
         radial = ring.disc_radius * math.tan(ring.resolution / 2) / UM
-        yield Row(
+        yield PaperComparison(
             "resolution of the radial error (Equation 3)",
             "0.10 µm",
             f"{radial:.3f} µm",
@@ -207,7 +207,7 @@ class Lou2019:
         command = read_bag(self.bench.path("plain_5_mm"))["command"]
         moved = np.abs(np.diff(command["angle"]))
         interval = float(np.median(moved[moved > 0.9 * moved.max()])) / ARCSEC
-        yield Row(
+        yield PaperComparison(
             "angle between two samples at one turn a second (Section 3)",
             "25.9 arcsec",
             f"{interval:.2f} arcsec",
@@ -216,7 +216,7 @@ class Lou2019:
         )
         for axis, name in enumerate("XY"):
             line, found = self._residual_of_steps(axis)
-            yield Row(
+            yield PaperComparison(
                 f"autocollimator, residual in {name} within ±100 arcsec (Figure 5)",
                 f"±{LEFT_BY_A_LINE[axis]} arcsec",
                 f"±{line:.2f} arcsec by a line, ±{found:.2f} arcsec by the command",
@@ -237,11 +237,11 @@ class Lou2019:
         left = self._calibrated.response("autocollimator").corrected(read * ARCSEC) / ARCSEC - reference
         return float(line), float(np.abs(left[along, axis]).max())
 
-    def _original_errors(self) -> Iterator[Row]:
+    def _original_errors(self) -> Iterator[PaperComparison]:
         true, found = self.stage.true, self._calibrated
         off = np.array(found.ring.eccentricity) - np.array(true.ring.eccentricity)
         x, y = (value / UM for value in found.ring.eccentricity)
-        yield Row(
+        yield PaperComparison(
             "eccentricity of the grid disc (Figure 7)",
             "no value",
             f"({x:.2f}, {y:.2f}) µm, off by {np.hypot(*off) / UM:.2f} µm",
@@ -249,33 +249,33 @@ class Lou2019:
         )
         off = np.array(found.mirror.tilt) - np.array(true.mirror.tilt)
         x, y = (value / ARCSEC for value in found.mirror.tilt)
-        yield Row(
+        yield PaperComparison(
             "tilt of the mirror (Figure 8)",
             "no value",
             f"({x:.2f}, {y:.2f}) arcsec, off by {np.hypot(*off) / ARCSEC:.2f} arcsec",
             "the paper shows a curve; off by what the centres let the shaft lean",
         )
 
-    def _verifications(self, checks: list[Verified]) -> Iterator[Row]:
+    def _verifications(self, checks: list[Verified]) -> Iterator[PaperComparison]:
         for each in checks:
             pushed = each.name.startswith("pushed")
             what = f"{each.height:g} mm" + (f", forces, {each.name[-1]}. time (Figure 15)" if pushed else "")
             if not pushed:
-                yield Row(
+                yield PaperComparison(
                     f"radial error motion at {what} (Figures 13, 14)",
                     "less than 20 µm",
                     f"{each.radial / UM:.2f} µm",
                     "error motion is chosen so that the paper's bound holds at 60 mm",
                     each.radial < RADIAL_MOST,
                 )
-            yield Row(
+            yield PaperComparison(
                 f"largest residual from the LVDT at {what}",
                 "very consistent" if pushed else "less than 2 µm",
                 f"{each.largest / UM:.2f} µm",
                 "the simulated artefact is round and the LVDT stands still: what is left is noise and the calibration",
                 each.largest < RESIDUAL_MOST,
             )
-            yield Row(
+            yield PaperComparison(
                 f"monitor and LVDT agree within the stated uncertainty at {what}",
                 "no value",
                 "yes" if each.result["agrees"] else "no",

@@ -21,8 +21,8 @@ from rotary_error_monitor.description.wire import wire_of
 from rotary_error_monitor.files import write_whole
 from rotary_error_monitor.notebook.simulation import write_plant
 from rotary_error_monitor.plant.clocks import Clock, stage_clocks
-from rotary_error_monitor.plant.environment import Forces, Temperature, intermittent_forces
-from rotary_error_monitor.plant.motion import Motion, Segment
+from rotary_error_monitor.plant.environment import Forces, TemperatureCourse, intermittent_forces
+from rotary_error_monitor.plant.motion import Motion, MotionSegment
 from rotary_error_monitor.plant.noise import Noise
 from rotary_error_monitor.plant.stage import StagePlant
 from rotary_error_monitor.reproduction.units import ARCSEC
@@ -125,7 +125,9 @@ class LouStage:
         (radial, lean), angles = _CENTRES, draw.uniform(0, 2 * np.pi, 2)
         spindle = Spindle(radial=(_once(radial, angles[0]),), tilt=(_once(lean, angles[1]),))
         shaft = replace(self.true, spindle=spindle, lvdt=None)
-        plant = StagePlant(shaft, self.seed, EPOCH_NS, _motion(), temperature=Temperature(rise=0.0), clocks=_clocks())
+        plant = StagePlant(
+            shaft, self.seed, EPOCH_NS, _motion(), temperature=TemperatureCourse(rise=0.0), clocks=_clocks()
+        )
         return _record(folder, plant)
 
     def record(self, folder: Path, height: float, run: int, pushed: bool = False) -> StagePlant:
@@ -136,7 +138,7 @@ class LouStage:
         seed = self.seed + 1000 * run
         forces = intermittent_forces(seed, 2 * (REST + TURNING)) if pushed else Forces()
         epoch = EPOCH_NS + run * 3600 * NANOSECONDS
-        plant = StagePlant(stage, seed, epoch, _motion(), forces, Temperature(rise=0.5), _clocks())
+        plant = StagePlant(stage, seed, epoch, _motion(), forces, TemperatureCourse(rise=0.5), _clocks())
         return _record(folder, plant)
 
 
@@ -147,8 +149,8 @@ def _once(size: float, angle: float) -> PlanarHarmonic:
 
 
 def _motion() -> Motion:
-    rest = Segment(REST, 0.0)
-    return Motion((rest, Segment(TURNING, SPEED), Segment(TURNING, -SPEED), rest))
+    rest = MotionSegment(REST, 0.0)
+    return Motion((rest, MotionSegment(TURNING, SPEED), MotionSegment(TURNING, -SPEED), rest))
 
 
 def _clocks() -> Mapping[str, Clock]:

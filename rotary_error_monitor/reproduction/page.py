@@ -16,7 +16,7 @@ from rotary_error_monitor.report.page import (
     whole_page,
 )
 from rotary_error_monitor.report.wording import aligned
-from rotary_error_monitor.reproduction.procedure import ProcedureStep, Reproduction, Row
+from rotary_error_monitor.reproduction.procedure import PaperComparison, ProcedureStep, Reproduction
 
 _KEPT = {True: "✓ yes", False: "✗ no", None: "—"}
 
@@ -41,7 +41,7 @@ def page(found: Reproduction) -> str:
     )
 
 
-def text_table(rows: tuple[Row, ...]) -> str:
+def text_table(rows: tuple[PaperComparison, ...]) -> str:
     """Paper and result as lines for a terminal."""
     head = ("quantity", "paper", "ours", "kept")
     return "\n".join(aligned([head, *((row.quantity, row.paper, row.ours, _KEPT[row.holds]) for row in rows)]))

@@ -27,7 +27,7 @@ from rotary_error_monitor.reproduction.pan2013_plant import (
     TRACKER_NOISE,
     PanMachine,
 )
-from rotary_error_monitor.reproduction.procedure import Bench, ProcedureStep, Reproduction, Row
+from rotary_error_monitor.reproduction.procedure import Bench, PaperComparison, ProcedureStep, Reproduction
 from rotary_error_monitor.reproduction.units import ARCSEC, UM
 
 PAPER = "F. Pan, M. Li, J. Yin: Error Model and Accuracy Calibration of 5-Axis Machine Tool. TELKOMNIKA 2013, page 4251"
@@ -163,7 +163,7 @@ class Pan2013:
         picture = self.bench.picture("errors.png", "Offset over X and Y, and errors by what each costs")
         return ProcedureStep("Which errors cost most", "Section 1: the main errors", *told, (picture,))
 
-    def _prediction(self) -> Row:
+    def _prediction(self) -> PaperComparison:
         """The measured machine file against the simulated machine."""
         poses = json.loads(self.bench.path("offset.json").read_text(encoding="utf-8"))["poses"]
         predicted = np.array([list(each["exact"].values()) for each in poses])
@@ -171,7 +171,7 @@ class Pan2013:
         off = predicted - np.array([self._true(each["pose"]) for each in poses]) / UM
         within = float(np.mean(np.abs(off) <= 2 * unsure))
         largest, offset = (np.linalg.norm(each[:, :3], axis=1).max() for each in (off, predicted))
-        return Row(
+        return PaperComparison(
             f"offset E predicted from the measured file at {len(poses)} drawn poses",
             "not in the paper",
             f"{within:.0%} within twice the standard uncertainty; off by {largest:.2f} of {offset:.0f} µm at most",
@@ -187,11 +187,11 @@ class Pan2013:
         return self.machine.offset(at, ways)
 
 
-def _dearest(said: str) -> Row:
+def _dearest(said: str) -> PaperComparison:
     """The errors that cost most, from the ranking."""
     names = [line[:40].strip() for line in said.splitlines()[1:4]]
     why = "the paper does not rank errors; root mean square of the tool's offset by each alone in the working volume"
-    return Row("errors that cost most", "no value", ", ".join(names), why)
+    return PaperComparison("errors that cost most", "no value", ", ".join(names), why)
 
 
 def reproduce(bench: Bench, seed: int) -> Reproduction:

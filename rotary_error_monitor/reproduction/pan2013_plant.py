@@ -29,7 +29,7 @@ CYCLES = 5
 
 
 @dataclass(frozen=True)
-class Positioning:
+class PositioningError:
     """True positioning error of an axis, and how it is tested; m of linear axes, rad of rotary ones.
 
     Spans, lost motions and scatter are such that over many tests the medians of accuracy A, repeatability R and
@@ -53,18 +53,18 @@ class Positioning:
         return np.asarray(self.span * mean - 0.5 * self.reversal * direction, dtype=np.float64)
 
 
-POSITIONING: Mapping[str, Positioning] = {
-    "X": Positioning(62.77e-6, 3.896e-6, 0.863e-6, 25),
-    "Y": Positioning(45.84e-6, 6.806e-6, 0.2105e-6, 21),
-    "Z": Positioning(13.886e-6, 9.989e-6, 0.1391e-6, 21),
+POSITIONING: Mapping[str, PositioningError] = {
+    "X": PositioningError(62.77e-6, 3.896e-6, 0.863e-6, 25),
+    "Y": PositioningError(45.84e-6, 6.806e-6, 0.2105e-6, 21),
+    "Z": PositioningError(13.886e-6, 9.989e-6, 0.1391e-6, 21),
     # of rotary axes the paper prints the accuracy alone: lost motion of 1 and scatter of 0.3 arcsec are chosen
-    "C": Positioning(131.42 * ARCSEC, 1.0 * ARCSEC, 0.3 * ARCSEC, 121),
-    "A": Positioning(55.175 * ARCSEC, 1.0 * ARCSEC, 0.3 * ARCSEC, 45),
+    "C": PositioningError(131.42 * ARCSEC, 1.0 * ARCSEC, 0.3 * ARCSEC, 121),
+    "A": PositioningError(55.175 * ARCSEC, 1.0 * ARCSEC, 0.3 * ARCSEC, 45),
 }
 
 
 @dataclass(frozen=True)
-class Straightness:
+class StraightnessError:
     """True straightness error of a linear axis: a bow, a wave and a ripple, about its line of least squares.
 
     Attributes:
@@ -87,11 +87,11 @@ class Straightness:
         return np.asarray(self.bow * (u**2 - 1 / 3) + self.wave * wave + self.ripple * np.cos(3 * np.pi * u))
 
 
-STRAIGHTNESS: Mapping[str, Straightness] = {
-    "EYX": Straightness(5.52e-6, 1.0, 0.4, 0.06),
-    "EZX": Straightness(7.79e-6, -1.0, 0.3, 0.08),
-    "EXY": Straightness(5.71e-6, 0.8, -0.5, 0.05),
-    "EZY": Straightness(2.11e-6, 0.5, 0.6, 0.06),
+STRAIGHTNESS: Mapping[str, StraightnessError] = {
+    "EYX": StraightnessError(5.52e-6, 1.0, 0.4, 0.06),
+    "EZX": StraightnessError(7.79e-6, -1.0, 0.3, 0.08),
+    "EXY": StraightnessError(5.71e-6, 0.8, -0.5, 0.05),
+    "EZY": StraightnessError(2.11e-6, 0.5, 0.6, 0.06),
 }
 
 STRAIGHTNESS_NOISE = 0.1e-6

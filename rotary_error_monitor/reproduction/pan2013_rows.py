@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.reproduction.procedure import Row
+from rotary_error_monitor.reproduction.procedure import PaperComparison
 from rotary_error_monitor.reproduction.units import ARCSEC, DEGREE, MM
 
 _CHOSEN = "lost motion and scatter are chosen so that the median over many tests is the paper's"
@@ -117,7 +117,7 @@ _RELATION = re.compile(
 )
 
 
-def positioning_rows(noted: Mapping[str, Any]) -> Iterator[Row]:
+def positioning_rows(noted: Mapping[str, Any]) -> Iterator[PaperComparison]:
     """Rows of Section 6 and Table 2, from what `calibrate positioning` noted in the machine file."""
     for letter, figures in POSITIONING.items():
         rotary = letter in "AC"
@@ -130,15 +130,15 @@ def positioning_rows(noted: Mapping[str, Any]) -> Iterator[Row]:
             why = f"{_CHOSEN}; 99.9 % of tests lie within {each.sampling * 100:.2g} % of it"
             if each.text:
                 quantity = f"{letter}-axis {each.name} (Section 6), {symbol} of ISO 230-2"
-                yield Row(quantity, each.text, shown, why, abs(value - each.value) <= kept)
+                yield PaperComparison(quantity, each.text, shown, why, abs(value - each.value) <= kept)
             if each.table:
                 why = "read as degrees over a turn; " + why if rotary else "rounded in the table"
                 why += "; 00.1 is read as 0.01, for the text has 0.009122" if each.table.startswith("00.1") else ""
                 holds = abs(value - each.value) <= kept + each.rounding
-                yield Row(f"{letter}-axis {each.name} (Table 2)", each.table, shown, why, holds)
+                yield PaperComparison(f"{letter}-axis {each.name} (Table 2)", each.table, shown, why, holds)
 
 
-def straightness_rows(noted: Mapping[str, Any]) -> Iterator[Row]:
+def straightness_rows(noted: Mapping[str, Any]) -> Iterator[PaperComparison]:
     """Rows of Section 6 and Table 2, from what `calibrate straightness` noted in the machine file."""
     for name, (what, text, table) in STRAIGHTNESS.items():
         figures = noted[name]["figures"]
@@ -147,12 +147,12 @@ def straightness_rows(noted: Mapping[str, Any]) -> Iterator[Row]:
         # within four standard uncertainties: of four curves in ten thousand runs one is not
         holds = abs(value - float(text.partition(" ")[0])) <= 4 * unsure
         why = "about the line of least squares; the curve's size is chosen as in the text; ± two standard uncertainties"
-        yield Row(f"straightness of {what} (Section 6)", text, shown, why, holds)
+        yield PaperComparison(f"straightness of {what} (Section 6)", text, shown, why, holds)
         why = "not used: the table contradicts the text, which goes with Figures 14 to 17"
-        yield Row(f"straightness of {what} (Table 2)", table, shown, why)
+        yield PaperComparison(f"straightness of {what} (Table 2)", table, shown, why)
 
 
-def relation_rows(said: str) -> Iterator[Row]:
+def relation_rows(said: str) -> Iterator[PaperComparison]:
     """Rows of Table 2 between axes and of the angles in Section 6, from what `calibrate squareness` printed.
 
     Raises:
@@ -168,7 +168,7 @@ def relation_rows(said: str) -> Iterator[Row]:
         value = abs(float(match["arcsec"] if length else match["value"])) * scale
         half = (float(match["high"]) - float(match["low"])) / 2 * scale
         over = f"/{length}" if length else ""
-        yield Row(
+        yield PaperComparison(
             f"{item} {axes} (Table 2)",
             f"{printed} mm",
             f"{value:.4f} ± {half:.4f}{over} mm",
@@ -178,7 +178,7 @@ def relation_rows(said: str) -> Iterator[Row]:
     for item, axes, angle in ANGLES:
         match = found[item, axes]
         half = (float(match["high"]) - float(match["low"])) / 2 * ARCSEC / DEGREE
-        yield Row(
+        yield PaperComparison(
             f"{item} {axes} (Section 6, Figure 20)",
             f"{angle}°",
             f"{float(match['degrees']):.5f}° ± {half:.5f}°",
@@ -187,11 +187,11 @@ def relation_rows(said: str) -> Iterator[Row]:
         )
 
 
-def model_rows(said: str) -> Iterator[Row]:
+def model_rows(said: str) -> Iterator[PaperComparison]:
     """Rows of Table 1 and of Equations 10 to 15, from what `offset --array text` printed."""
     rows = re.findall(r"^  L\^\d+\(j\) +([\d ]+)$", said, re.MULTILINE)
     array = tuple(row.replace(" ", "") for row in rows)
-    yield Row(
+    yield PaperComparison(
         "low-order body array L^0 to L^8 (Table 1)",
         " ".join(TABLE_1[1]) + " in row L^1",
         " ".join("".join(array[1:2])) + " in row L^1",
@@ -202,7 +202,7 @@ def model_rows(said: str) -> Iterator[Row]:
     for name, paper, parts in _EQUATIONS:
         holds = all(part in plain for part in parts)
         why = "the same symbols; ΔT_01,p is not among these errors: the paper measures none at the workpiece"
-        yield Row(name, paper, "the same" if holds else "others", why if "ΔT" in paper else "", holds)
+        yield PaperComparison(name, paper, "the same" if holds else "others", why if "ΔT" in paper else "", holds)
 
 
 _EQUATIONS = (

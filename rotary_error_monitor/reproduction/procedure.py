@@ -18,7 +18,7 @@ _LONGEST = 600.0
 
 
 @dataclass(frozen=True)
-class Row:
+class PaperComparison:
     """A number of the paper beside the one of this run.
 
     Attributes:
@@ -73,7 +73,7 @@ class Reproduction:
     paper: str
     simulated: str
     steps: tuple[ProcedureStep, ...]
-    rows: tuple[Row, ...]
+    rows: tuple[PaperComparison, ...]
 
     @property
     def kept(self) -> bool:

@@ -162,7 +162,7 @@ class Zhou2023:
 
     def _trajectory(self) -> ProcedureStep:
         told = self.bench.run("calibrate", "flatness", MACHINE, *_WORKPIECE, "--trajectory", "wheel.csv")
-        wheel = figures.Surface(self.bench.path("wheel.csv"))
+        wheel = figures.SurfaceTable(self.bench.path("wheel.csv"))
         for name, column in (("after", "Y_correction_um"), ("unrotated", "error_um")):
             sign = -1.0 if column == "error_um" else 1.0
             self.grinder.write_surface(self.bench.path(f"workpiece_{name}.csv"), sign * wheel.values(column))
@@ -190,7 +190,7 @@ class Zhou2023:
             17: "Figure 17: ground with compensation",
             0: "Ground with curves that are not rotated",
         }
-        tables = {number: figures.Surface(self.bench.path(name)) for number, name in names.items()}
+        tables = {number: figures.SurfaceTable(self.bench.path(name)) for number, name in names.items()}
         maps = [figures.surface(titles[n], table, table.levelled("height_um")) for n, table in tables.items()]
         if how != "with":
             title, source = "Grind with the curves as measured instead", "Section 3.1 says why not, and shows no result"

@@ -9,7 +9,7 @@ import numpy as np
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.calibration.measurements import read_straightness
-from rotary_error_monitor.calibration.straightness_runs import Placed, Reading, place_runs
+from rotary_error_monitor.calibration.straightness_runs import Placed, ReadingSettings, place_runs
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.report.drawing import WIDE, drawn, label, new_axes
 from rotary_error_monitor.report.drawn import Drawn
@@ -26,7 +26,7 @@ _BAR = 0.9
 """Room right of a map for its scale, inches."""
 
 
-class Surface:
+class SurfaceTable:
     """A table over X and Z, a row a point of a grid.
 
     Attributes:
@@ -55,7 +55,7 @@ class Surface:
 
 def placements(path: Path, noise: float) -> list[Placed]:
     """Runs along each placement of a table, by its name in order, and their means; `noise` of a reading, m."""
-    return [place_runs(each, Reading(noise)) for each in read_straightness(path).values()]
+    return [place_runs(each, ReadingSettings(noise)) for each in read_straightness(path).values()]
 
 
 def stated_curve(machine: Path, component: str) -> Line:
@@ -118,7 +118,7 @@ def rotated(machine: Path, component: str) -> Drawn:
     return _lines(f"Figure 13: rotation of {component}", "position, mm", "error, µm", curves)
 
 
-def surface(title: str, of: Surface, values: Array) -> Drawn:
+def surface(title: str, of: SurfaceTable, values: Array) -> Drawn:
     """Figure 15, 16 or 17: heights (n, m), m, over the workpiece."""
     figure, ax = new_axes(WIDE, _MAP)
     box = ax.get_position()

@@ -28,7 +28,7 @@ while a copy is made."""
 
 
 @dataclass(frozen=True)
-class Gap:
+class SampleGap:
     """A stretch without samples where some were expected, or what was before the first of all.
 
     Attributes:
@@ -62,7 +62,7 @@ class SampleStream:
         self.names = tuple(names)
         self.admission = Admission(limits or SampleLimits())
         self.lost = 0
-        self._gaps: list[Gap] = []
+        self._gaps: list[SampleGap] = []
         self.block_duration_ns = 0
         self.begin_ns: int | None = None
         self.patience_ns = patience_ns
@@ -243,7 +243,7 @@ class SampleStream:
             self.begin_ns = first
         if lost or is_long or newest is None:
             usable = first + self.patience_ns if is_long else first
-            self._gaps.append(Gap(last, first, usable, round(2 * self._spacing_ns)))
+            self._gaps.append(SampleGap(last, first, usable, round(2 * self._spacing_ns)))
 
 
 def after_pause(streams: Iterable[SampleStream], tick: int, limit: int, period_ns: int, joined_ns: int) -> int:

@@ -29,7 +29,7 @@ _DEATH_SIGNAL = 1  # PR_SET_PDEATHSIG of prctl(2)
 
 
 @dataclass(frozen=True)
-class Pace:
+class RestartTimes:
     """How fast things are tried again, all in s.
 
     Attributes:
@@ -60,11 +60,11 @@ class Supervisor:
         nodes: Sequence[CellNode],
         arguments: Sequence[str],
         say: Callable[[str], None] = print,
-        pace: Pace | None = None,
+        pace: RestartTimes | None = None,
     ) -> None:
         """Supervise `nodes`, each started with `arguments` behind `--ros-args`; `say` takes what there is to tell."""
         self._nodes, self._arguments, self._say = nodes, arguments, say
-        self._pace = pace or Pace()
+        self._pace = pace or RestartTimes()
         self._processes: dict[CellNode, asyncio.subprocess.Process] = {}
         self._ending = asyncio.Event()
         self._code = 0

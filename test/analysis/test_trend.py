@@ -11,7 +11,7 @@ from draws import seeds
 from scipy.stats import binom, chi2, norm
 from scipy.stats import t as student_t
 
-from rotary_error_monitor.analysis.history import Recorded, histories
+from rotary_error_monitor.analysis.history import RecordingFigures, histories
 from rotary_error_monitor.analysis.partition import fit_course, partition, penalty_of
 from rotary_error_monitor.analysis.result import Figure
 from rotary_error_monitor.analysis.trend import DAY_NS, Series, estimate_trend
@@ -222,7 +222,7 @@ def recorded(bag, day, tilt, expanded=1e-7, stage="A", cell="/", speed=4.0):
         Figure("tilt_y.total", segment, 0.1 * tilt, expanded, "rad", tilt, 4, 100, 60.0),
         Figure("lvdt_at_16mm.difference_rms", "", 1e-8, None, "m"),
     )
-    return Recorded(bag, stage, cell, BEGIN_NS + day * DAY_NS, figures, {segment: speed})
+    return RecordingFigures(bag, stage, cell, BEGIN_NS + day * DAY_NS, figures, {segment: speed})
 
 
 def test_recordings_are_grouped_and_ordered_and_speeds_that_are_alike_are_one():
@@ -265,7 +265,7 @@ def test_the_rate_is_of_all_figures_of_a_stage_together():
                 Figure(f"radial_x_at_{k}mm.total", "s", 1e-6 + 1e-8 * rng.standard_normal(), 2e-8, "m")
                 for k in range(20)
             )
-            rows.append(Recorded(f"b{day}", "A", "/", BEGIN_NS + day * DAY_NS, figures, {"s": 4.0}))
+            rows.append(RecordingFigures(f"b{day}", "A", "/", BEGIN_NS + day * DAY_NS, figures, {"s": 4.0}))
         (found,) = histories(rows, ErrorMotionLimits(), RATE)
         alarms += bool(found.changed)
     assert alarms <= at_most(RATE, runs)

@@ -16,7 +16,7 @@ from rotary_error_monitor.codec.contents import TYPES
 from rotary_error_monitor.codec.messages import encode
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.description.wire import wire_of
-from rotary_error_monitor.plant.motion import Motion, Segment
+from rotary_error_monitor.plant.motion import Motion, MotionSegment
 from rotary_error_monitor.plant.stage import StagePlant
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 from rotary_error_monitor.sources.mock import MockSettings, mock_stage
@@ -29,7 +29,9 @@ AT_ONCE = 50
 """Blocks of a stream that are computed together."""
 
 SPEED = 4.0
-CYCLE = Motion((Segment(1.875, 0.0), Segment(9.25, SPEED), Segment(9.375, -SPEED), Segment(1.5, 0.0)))
+CYCLE = Motion(
+    (MotionSegment(1.875, 0.0), MotionSegment(9.25, SPEED), MotionSegment(9.375, -SPEED), MotionSegment(1.5, 0.0))
+)
 CYCLE_NS = 22 * NANOSECONDS
 """Both ways at one speed, rad/s, so that the stage is back where it was: backward longer by what its ramp takes."""
 

@@ -29,7 +29,7 @@ from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.effects.library import effect_named, load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
-from rotary_error_monitor.gap.diagnosis import Diagnosis, diagnose
+from rotary_error_monitor.gap.diagnosis import DiagnosisResult, diagnose
 from rotary_error_monitor.gap.normal import stack, width_of
 from rotary_error_monitor.gap.options import FALSE_ALARMS
 from rotary_error_monitor.kinds.stage.problem import StageProblem
@@ -146,7 +146,7 @@ def try_size(setting: Setting, size: float, seed: int, false_alarms: float = FAL
     return Trial(size, seed, found.verdict.value != "no_gap", names(found, setting.key))
 
 
-def names(diagnosis: Diagnosis, key: tuple[str, str]) -> bool:
+def names(diagnosis: DiagnosisResult, key: tuple[str, str]) -> bool:
     """Whether an effect at a place is among the causes, or in the group of one."""
     causes = {found.cause.key for found in diagnosis.causes}
     groups = [set(group.effects) for group in diagnosis.indistinguishable]

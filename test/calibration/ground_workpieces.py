@@ -14,7 +14,7 @@ from rotary_error_monitor.calibration.grinding import FlatnessPrediction, Vertic
 from rotary_error_monitor.calibration.straightness_doubts import find_doubts
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.description.machine_parts import ErrorComponent, ErrorTable
-from rotary_error_monitor.metrology.reference_mirror import Mirror
+from rotary_error_monitor.metrology.reference_mirror import ReferenceMirror
 
 Array = NDArray[np.float64]
 
@@ -38,11 +38,11 @@ def _guideway(way: str, plant: Plant, mirror: float, curvature: float) -> tuple[
     """Table of a guideway as `calibrate straightness` makes it, with its covariance; positions from -length to 0."""
     flatness = 0.1e-6
     form = plant.mirror(flatness, curvature)
-    known: Mirror | None = Mirror(mirror, flatness)
+    known: ReferenceMirror | None = ReferenceMirror(mirror, flatness)
     placements = [plant.placement(at, mirror, form) for at in (0.0, plant.length - mirror)]
     if "turned" in way:
         placements.append(plant.placement(0.0, mirror, form, turned=True))
-        known = Mirror(mirror, None)
+        known = ReferenceMirror(mirror, None)
     if "interferometer" in way and "turned" not in way:
         placements, known = [plant.placement(0.0, plant.length, np.zeros(5))], None
     reading = replace(READING, noise=plant.noise)

@@ -11,9 +11,9 @@ from scipy.stats import norm
 from rotary_error_monitor.calibration.measurements import Placement
 from rotary_error_monitor.calibration.straightness_doubts import find_doubts
 from rotary_error_monitor.calibration.straightness_report import repeatability_bounds
-from rotary_error_monitor.calibration.straightness_runs import Placed, Reading, place_runs
+from rotary_error_monitor.calibration.straightness_runs import Placed, ReadingSettings, place_runs
 from rotary_error_monitor.metrology.profile_comparison import compare_profiles
-from rotary_error_monitor.metrology.reference_mirror import Mirror
+from rotary_error_monitor.metrology.reference_mirror import ReferenceMirror
 from rotary_error_monitor.metrology.repeated_runs import Run
 from rotary_error_monitor.metrology.splicing import SplicedProfile, splice_segments
 
@@ -83,7 +83,7 @@ def shape(form: Array, distance: Array, length: float) -> Array:
 WAYS = ("spliced", "spliced, one placement both ways up", "along one mirror", "interferometer")
 """How a guideway is measured: mirrors of 440 mm and 0.08 µm, and of 840 mm and 0.12 µm, overlaps as the paper's."""
 
-READING = Reading(60e-9)
+READING = ReadingSettings(60e-9)
 
 
 def stratified(count: int, stream: int) -> Array:
@@ -96,7 +96,7 @@ def stratified(count: int, stream: int) -> Array:
     return np.asarray(norm.ppf((rng.permutation(count) + rng.uniform(size=count)) / count))
 
 
-def measure(placements: list[Placement], mirror: Mirror | None) -> tuple[list[Placed], SplicedProfile]:
+def measure(placements: list[Placement], mirror: ReferenceMirror | None) -> tuple[list[Placed], SplicedProfile]:
     """What the package makes of placements."""
     parts = [place_runs(placement, READING) for placement in placements]
     return parts, splice_segments([part.segment for part in parts], mirror)
@@ -115,14 +115,14 @@ def _held(way: str, seed: list[int], first: float, second: float) -> dict[str, f
     short, long = plant.mirror(0.08e-6, first), plant.mirror(0.12e-6, second)
     if way.startswith("spliced"):
         placements = [plant.placement(0.0, 0.44, short), plant.placement(0.36, 0.44, short)]
-        mirror: Mirror | None = Mirror(0.44, 0.08e-6)
+        mirror: ReferenceMirror | None = ReferenceMirror(0.44, 0.08e-6)
         if way != "spliced":
             placements.append(plant.placement(0.0, 0.44, short, turned=True))
-            mirror = Mirror(0.44, None)
+            mirror = ReferenceMirror(0.44, None)
     else:
         one = way == "along one mirror"
         placements = [plant.placement(0.0, plant.length, long if one else np.zeros(5))]
-        mirror = Mirror(plant.length, 0.12e-6) if one else None
+        mirror = ReferenceMirror(plant.length, 0.12e-6) if one else None
     parts, spliced = measure(placements, mirror)
     straightness = spliced.straightness()
     low, high = find_doubts(parts, spliced, straightness, plant.noise).error_bounds
@@ -140,7 +140,7 @@ def _held(way: str, seed: list[int], first: float, second: float) -> dict[str, f
         true_form = shape(short, form.distances, 0.44)
         off = np.abs(form.heights - level(form.distances, true_form))
         result["form of the mirror"] = float(np.mean(off < 1.96 * np.sqrt(np.diag(form.covariance))))
-        direct = measure([plant.placement(0.0, plant.length, long)], Mirror(plant.length, 0.12e-6))[1]
+        direct = measure([plant.placement(0.0, plant.length, long)], ReferenceMirror(plant.length, 0.12e-6))[1]
         found = compare_profiles(spliced, direct)
         result["largest difference from a direct measurement"] = float(found.largest < found.bound)
     return result

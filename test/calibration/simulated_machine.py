@@ -23,7 +23,7 @@ from rotary_error_monitor.calibration.parameters import (
 from rotary_error_monitor.calibration.verdict import judge_calibration
 from rotary_error_monitor.calibration.volume import sample_volume
 from rotary_error_monitor.description.machine import MachineDescription, load_machine
-from rotary_error_monitor.plant.machine import MachinePlant, Poses
+from rotary_error_monitor.plant.machine import MachinePlant, MachineStates
 
 NOISE = 1.5e-6
 VOLUME = 800
@@ -50,7 +50,7 @@ CALIBRATIONS: Mapping[str, Calibration] = {
 
 def tool(machine: MachineDescription, positions: np.ndarray, direction: np.ndarray, warming: np.ndarray) -> np.ndarray:
     """(n, 3) true deviation of the tool tip, m."""
-    return MachinePlant(machine).tool_offset(Poses(positions, direction, warming))[:, :3]
+    return MachinePlant(machine).tool_offset(MachineStates(positions, direction, warming))[:, :3]
 
 
 def rates(kind: str, count: int) -> dict[str, float]:

@@ -24,7 +24,7 @@ from rotary_error_monitor.description.spindle_section import Spindle
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.description.wire import load_wire
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.plant import Motion, Segment, StagePlant, reversing_motion
+from rotary_error_monitor.plant import Motion, MotionSegment, StagePlant, reversing_motion
 from rotary_error_monitor.resources import config
 
 EPOCH = 1_763_700_000_000_000_000
@@ -89,7 +89,7 @@ def test_comments_stay_and_without_autocollimator_the_mirror_stays(tmp_path: Pat
 
 
 def test_a_recording_that_does_not_determine_the_assembly_is_refused(tmp_path: Path) -> None:
-    quarter = Motion((Segment(1.0, 0.0), Segment(9.0, 0.17), Segment(1.0, 0.0)))
+    quarter = Motion((MotionSegment(1.0, 0.0), MotionSegment(9.0, 0.17), MotionSegment(1.0, 0.0)))
     bag = recorded(tmp_path, ALL, quarter, duration=10.0)
     with pytest.raises(InputError, match=r"bag: the recording covers .* of rotation; a whole turn"):
         calibrate_assembly(bag, config("stage.yaml"), tmp_path / "out.yaml", date(2026, 11, 21))

@@ -11,13 +11,13 @@ from draws import ALL, seeds
 
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.two_axis_calibration import InstrumentPrior, calibrate_two_axes
-from rotary_error_monitor.metrology.two_axis_fit import DRIFT, NAMES, Reference, fit_steps, numbers_of
+from rotary_error_monitor.metrology.two_axis_fit import DRIFT, NAMES, ReferenceUncertainty, fit_steps, numbers_of
 from rotary_error_monitor.metrology.two_axis_steps import StepReadings
 
 CERTAIN = 0.115 * ARCSEC
 """Standard uncertainty of the paper's reference, whose accuracy is ±0.2 arcsec."""
 
-REFERENCE = Reference(CERTAIN)
+REFERENCE = ReferenceUncertainty(CERTAIN)
 
 
 def steps_of(run, taken, timed=True):
@@ -173,7 +173,9 @@ def test_visits_that_scatter_more_than_readings_within_them_are_counted():
 
 def test_scale_and_roll_of_the_reference_count_into_gain_and_roll_alone():
     plain = calibrated(Detector(), Run(), np.random.default_rng(2)).stds
-    wide = calibrated(Detector(), Run(), np.random.default_rng(2), reference=Reference(CERTAIN, 0.003, 0.002)).stds
+    wide = calibrated(
+        Detector(), Run(), np.random.default_rng(2), reference=ReferenceUncertainty(CERTAIN, 0.003, 0.002)
+    ).stds
     assert wide[2] == pytest.approx(math.hypot(plain[2], 0.003), rel=0.01)
     assert wide[3] == pytest.approx(math.hypot(plain[3], 0.002), rel=0.01)
     assert wide[[0, 1, 4, 5, 6, 7]] == pytest.approx(plain[[0, 1, 4, 5, 6, 7]], rel=1e-6)

@@ -11,9 +11,9 @@ import pytest
 
 from rotary_error_monitor.calibration.machine_file import MachineFile
 from rotary_error_monitor.calibration.steps import Job
-from rotary_error_monitor.calibration.straightness_runs import Reading
+from rotary_error_monitor.calibration.straightness_runs import ReadingSettings
 from rotary_error_monitor.calibration.straightness_step import calibrate_straightness
-from rotary_error_monitor.metrology.reference_mirror import Mirror
+from rotary_error_monitor.metrology.reference_mirror import ReferenceMirror
 from rotary_error_monitor.resources import config
 
 LENGTH, STOPS, NOISE = 5.0, 21, 1e-7
@@ -83,7 +83,7 @@ def test_stated_uncertainty_holds(tmp_path: Path, grid: str, drift: str) -> None
         lines = ["segment,run,direction,position_mm,reading_um", *rows(rng, form, grid, drift)]
         source.write_text("\n".join(lines), encoding="utf-8")
         job = Job(source, MachineFile(shipped), tmp_path / "out.yaml", date(2026, 1, 1))
-        result = calibrate_straightness(job, "EYX", Mirror(LENGTH, 0.0), Reading(NOISE))
+        result = calibrate_straightness(job, "EYX", ReferenceMirror(LENGTH, 0.0), ReadingSettings(NOISE))
         x = result.spliced.positions
         error = result.spliced.straightness().deviations - level(x, form(x))
         points.append(np.mean(np.abs(error) < 2 * result.doubts.uncertainty))
@@ -119,7 +119,7 @@ def test_placements_of_a_rough_guideway_do_not_contradict_one_another(tmp_path: 
                 lines += [f"{number},{run},{way},{p * 1e3:.9g},{v * 1e6:.9f}" for p, v in zip(x, y, strict=True)]
         source.write_text("\n".join(lines), encoding="utf-8")
         job = Job(source, MachineFile(shipped), tmp_path / "out.yaml", date(2026, 1, 1))
-        result = calibrate_straightness(job, "EYX", Mirror(3.2, 1e-9), Reading(NOISE))
+        result = calibrate_straightness(job, "EYX", ReferenceMirror(3.2, 1e-9), ReadingSettings(NOISE))
         x = result.spliced.positions
         error = result.spliced.straightness().deviations - level(x, np.interp(x, grid, walk))
         points.append(np.mean(np.abs(error) < 2 * result.doubts.uncertainty))

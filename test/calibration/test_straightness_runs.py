@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rotary_error_monitor.calibration.measurements import Placement
-from rotary_error_monitor.calibration.straightness_runs import Reading, place_runs
+from rotary_error_monitor.calibration.straightness_runs import ReadingSettings, place_runs
 from rotary_error_monitor.metrology.repeated_runs import Run
 
 NOISE = 35e-9
@@ -27,7 +27,7 @@ def test_no_departure_is_larger_than_the_repeatability_says(seed: int, stops: bo
         x = (first + np.arange(-0.8, -0.36, 1e-3))[::way]
         readings = 5e-6 * np.sin(9 * x) + 3e-6 * x / 0.4 + NOISE * rng.normal(size=x.size)
         runs.append(Run(x, readings, way))
-    placed = place_runs(Placement(tuple(runs)), Reading(NOISE))
+    placed = place_runs(Placement(tuple(runs)), ReadingSettings(NOISE))
     assert placed.combined.stops == stops
     departures = placed.departures()
     assert all(len(each) == len(run.positions) for each, run in zip(departures, runs, strict=True))

@@ -12,7 +12,7 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rotary_error_monitor.calibration.yaml_text import LOADER, CannotChangeError, Rows, YamlText
+from rotary_error_monitor.calibration.yaml_text import LOADER, CannotChangeError, YamlRows, YamlText
 from rotary_error_monitor.resources import share
 
 FILES = ["stage.yaml", "machines/pan2013.yaml", "machines/xyzac_trt.yaml", "machines/grinder_zhou2023.yaml"]
@@ -131,14 +131,16 @@ VALUES = st.one_of(
     st.floats(-1e-2, 1e-2),
     st.lists(st.floats(-1e-2, 1e-2), max_size=60),
     st.builds(
-        lambda rows: Rows({"table": {"positions": rows, "values": rows}}), st.lists(st.floats(-1, 1), max_size=60)
+        lambda rows: YamlRows({"table": {"positions": rows, "values": rows}}), st.lists(st.floats(-1, 1), max_size=60)
     ),
     st.builds(
-        lambda rows: Rows([{"order": k, "cos": v, "sin": -v} for k, v in enumerate(rows)]),
+        lambda rows: YamlRows([{"order": k, "cos": v, "sin": -v} for k, v in enumerate(rows)]),
         st.lists(st.floats(-1, 1), max_size=8),
     ),
     st.builds(
-        lambda name, old: Rows({"date": "2026-11-21", "source": name, "history": Rows([{"values": {"a.b": old}}])}),
+        lambda name, old: YamlRows(
+            {"date": "2026-11-21", "source": name, "history": YamlRows([{"values": {"a.b": old}}])}
+        ),
         st.text("abcXYZ µ-:#'\"{}[],&*!|>%@_.0123456789", max_size=40),
         st.lists(st.floats(-1, 1), max_size=30),
     ),
@@ -188,7 +190,7 @@ def test_only_the_lines_of_what_is_set_change(data: st.DataObject) -> None:
 def test_a_new_entry_changes_no_line_in_block_style() -> None:
     before = TEXTS["machines/pan2013.yaml", "comments"]
     document = YamlText(before)
-    document.set(("machine", "calibration", "EXX"), Rows({"date": "2026-11-21"}))
+    document.set(("machine", "calibration", "EXX"), YamlRows({"date": "2026-11-21"}))
     added = [line for line in difflib.ndiff(before.splitlines(), document.text.splitlines()) if line[0] in "+-?"]
     assert added == ["+   calibration:", "+     EXX:", "+       date: '2026-11-21'"]
 

@@ -18,9 +18,9 @@ from rotary_error_monitor.cases.faults import make_fault
 from rotary_error_monitor.cases.making import MachineCase, StageCase, make_machine_case, make_stage_case
 from rotary_error_monitor.cases.response import FaultResponse, MachineResponse, StageResponse
 from rotary_error_monitor.description.machine import load_machine
-from rotary_error_monitor.plant.environment import Temperature, intermittent_forces, lagged_warming
-from rotary_error_monitor.plant.machine import MachinePlant, Poses
-from rotary_error_monitor.plant.motion import Motion, Segment
+from rotary_error_monitor.plant.environment import TemperatureCourse, intermittent_forces, lagged_warming
+from rotary_error_monitor.plant.machine import MachinePlant, MachineStates
+from rotary_error_monitor.plant.motion import Motion, MotionSegment
 from rotary_error_monitor.plant.scene import Fault
 from rotary_error_monitor.plant.stage import StagePlant
 
@@ -40,7 +40,7 @@ def machine_response() -> FaultResponse:
     draw, machine = np.random.default_rng(3), load_machine("pan2013")
     low, high = (0.9 * np.array(limits) for limits in zip(*(axis.travel for axis in machine.axes), strict=True))
     warming = -3.0 * np.expm1(-np.arange(60) / 15)
-    poses = Poses(draw.uniform(low, high, (60, 5)), draw.choice([-1.0, 1.0], (60, 5)), warming)
+    poses = MachineStates(draw.uniform(low, high, (60, 5)), draw.choice([-1.0, 1.0], (60, 5)), warming)
     return MachineResponse(MachinePlant(machine), poses)
 
 
@@ -161,7 +161,9 @@ def test_samples_of_a_swelling_fault_do_not_depend_on_what_else_is_asked_for() -
 
 
 def test_play_stays_at_rest_and_changes_side_as_it_travels() -> None:
-    motion = Motion((Segment(2.0, 0.0), Segment(4.0, 1.0), Segment(4.0, -1.0), Segment(2.0, 0.0)))
+    motion = Motion(
+        (MotionSegment(2.0, 0.0), MotionSegment(4.0, 1.0), MotionSegment(4.0, -1.0), MotionSegment(2.0, 0.0))
+    )
     time = np.linspace(0, 12, 1201)
     side = side_of_play(motion, time, 1e-3, 1e9, -1.0)
     np.testing.assert_allclose(side[time < 1.9], -1.0)
@@ -176,7 +178,7 @@ def test_play_stays_at_rest_and_changes_side_as_it_travels() -> None:
 
 def test_a_part_that_lags_follows_the_closed_form() -> None:
     time, rise, settling, lag = np.linspace(0, 40, 81), 3.0, 12.0, 5.0
-    follows = lagged_warming(Temperature(20.0, rise, settling), 20.0, time, lag)
+    follows = lagged_warming(TemperatureCourse(20.0, rise, settling), 20.0, time, lag)
     closed = rise * (1 - (settling * np.exp(-time / settling) - lag * np.exp(-time / lag)) / (settling - lag))
     np.testing.assert_allclose(follows, closed, atol=0.01)
     steps = lagging(np.concatenate([[0.0], np.full(50, 2.0)]), 10.0)

@@ -13,7 +13,7 @@ from world.newly_built import NewlyBuilt
 from world.recording import AUTOCOLLIMATOR, COMMAND, Recording, head_topic
 
 from rotary_error_monitor.commissioning.commission import Commissioning, commission
-from rotary_error_monitor.commissioning.found import Stated, Value
+from rotary_error_monitor.commissioning.found import StatedReadings, UncertainValue
 from rotary_error_monitor.commissioning.streams import CommissioningRecording, join_blocks
 
 LOUD = "is noisier than described"
@@ -56,7 +56,7 @@ def judge(
     streams = {
         topic.split("/")[2]: join_blocks(blocks, blocks[0].names[1:]) for topic, blocks in recording.blocks.items()
     }
-    stated = Stated(frozenset({"command"} if "sign" in built.nominal.get("command", {}) else ()))
+    stated = StatedReadings(frozenset({"command"} if "sign" in built.nominal.get("command", {}) else ()))
     result = commission(stage, stated, CommissioningRecording(streams))
     named = [finding.text for finding in result.findings]
     heads = built.true["encoder"]["heads"]
@@ -177,5 +177,5 @@ def _turning(row: Mapping[str, Any]) -> complex:
     return 0.5 * complex(row["x"][0] + row["y"][1], row["y"][0] - row["x"][1])
 
 
-def _sigmas(value: Value, truth: float) -> float:
+def _sigmas(value: UncertainValue, truth: float) -> float:
     return (value.value - truth) / value.std

@@ -12,7 +12,7 @@ from world.noise import quantise
 
 from rotary_error_monitor.commissioning.commission import commission
 from rotary_error_monitor.commissioning.findings import is_louder, noise_and_step
-from rotary_error_monitor.commissioning.found import Stated
+from rotary_error_monitor.commissioning.found import StatedReadings
 from rotary_error_monitor.commissioning.streams import CommissioningRecording, RawStream, describe_stream
 from rotary_error_monitor.description.stage import StageDescription
 
@@ -102,6 +102,6 @@ def test_commissioning_tells_them_apart(seed: int, louder: float) -> None:
     rate, advance = float(rng.uniform(250.0, 400.0)), int(rng.integers(2, 5)) + 1 / 3
     stage = stage_with(1.0 / rate / advance, 0.0)
     streams = readings(rng, stage, rate, advance, 7.0, louder)
-    found = commission(stage, Stated(frozenset({"head_a"})), CommissioningRecording(streams))
+    found = commission(stage, StatedReadings(frozenset({"head_a"})), CommissioningRecording(streams))
     said = [each.text for each in found.findings if "is noisier than described" in each.text]
     assert len(said) == (len(streams) if louder else 0), said

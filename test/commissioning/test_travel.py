@@ -9,7 +9,7 @@ from draws import seeds
 from world.newly_built import COMMAND, build, head_topic, in_unit, wrapped
 from world.recording import Recording
 
-from rotary_error_monitor.commissioning.travel import ENOUGH, Travel, TravelWatch
+from rotary_error_monitor.commissioning.travel import ENOUGH, TravelWatch, TurnedTravel
 from rotary_error_monitor.signals.blocks import SampleBlock
 
 DEGREES = 180 / np.pi
@@ -17,7 +17,7 @@ REST = 4.0
 """s, for which the stage stands at the end."""
 
 
-def watched(built, recording: Recording, until: float = np.inf, rest: bool = True) -> Travel:
+def watched(built, recording: Recording, until: float = np.inf, rest: bool = True) -> TurnedTravel:
     watch = TravelWatch(stage_of(built.nominal))
     end = recording.start_ns + min(until, recording.duration) * 1e9
     for topic, blocks in recording.blocks.items():

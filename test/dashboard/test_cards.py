@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from rotary_error_monitor.dashboard import cards
-from rotary_error_monitor.dashboard.board import Board
-from rotary_error_monitor.dashboard.cards import PARTS, Clock, Drawn
-from rotary_error_monitor.dashboard.health import Severity, Status, verdict_of
+from rotary_error_monitor.dashboard.board import PageBoard
+from rotary_error_monitor.dashboard.cards import PARTS, CardDrawer, ShownMoment
+from rotary_error_monitor.dashboard.health import NodeStatus, Severity, verdict_of
 from rotary_error_monitor.dashboard.model import CellModel
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
@@ -66,11 +66,11 @@ def model_with(statuses=(), theta=0.3, components=(1e-6, -2e-6, 0, 3e-6, 0, -4e-
 
 
 def words(model, part, now=0.1):
-    return Words(Drawn(model, {"a": 0.0}, "stage").parts(Clock(now, NOW_NS))[part]).text
+    return Words(CardDrawer(model, {"a": 0.0}, "stage").parts(ShownMoment(now, NOW_NS))[part]).text
 
 
 def test_every_part_is_drawn_from_the_first_moment_on():
-    parts = Drawn(CellModel(0.1), {}, "stage").parts(Clock(0.0, NOW_NS))
+    parts = CardDrawer(CellModel(0.1), {}, "stage").parts(ShownMoment(0.0, NOW_NS))
     assert set(parts) == set(PARTS)
     for text in parts.values():
         Words(text)
@@ -87,8 +87,8 @@ def test_figures_in_micrometres_and_microradians_with_their_uncertainty():
 
 
 def test_what_is_old_is_greyed_and_says_so():
-    model = model_with([Status("error_estimator", "estimate", 0, "complete")])
-    parts = Drawn(model, {}, "stage").parts(Clock(1.7, NOW_NS))
+    model = model_with([NodeStatus("error_estimator", "estimate", 0, "complete")])
+    parts = CardDrawer(model, {}, "stage").parts(ShownMoment(1.7, NOW_NS))
     assert "old" in parts["figures"] and "2 s old" in parts["figures"]
     assert "class='drawing old'" in parts["polar"]
     assert "no error motion has come for 1.7 s" in Words(parts["verdict"]).text
@@ -108,9 +108,9 @@ def test_tool_offset_before_and_after():
 
 
 def test_corrections_stand_against_their_limits_and_the_latch_is_said():
-    model = model_with([Status("compensation", "correction", 0, "correcting", LIMITS)])
+    model = model_with([NodeStatus("compensation", "correction", 0, "correcting", LIMITS)])
     model.take_corrections({"X": 250e-6, "C": -100e-6}, 0.0)
-    part = Drawn(model, {}, "stage").parts(Clock(0.1, NOW_NS))["correction"]
+    part = CardDrawer(model, {}, "stage").parts(ShownMoment(0.1, NOW_NS))["correction"]
     text = Words(part).text
     assert re.search(r"X\s+250\.0\s+µm\s+of 100 / 500", text)
     assert re.search(r"C\s+−100\.0\s+µrad\s+of 500 / 2000", text)
@@ -119,7 +119,7 @@ def test_corrections_stand_against_their_limits_and_the_latch_is_said():
         ("5.0", ""),
     ]
     assert "latch open" in text
-    latched = [Status("compensation", "correction", 2, "held: error limit latched", LIMITS | {"latched": "True"})]
+    latched = [NodeStatus("compensation", "correction", 2, "held: error limit latched", LIMITS | {"latched": "True"})]
     model.take_statuses(latched, 0.1)
     assert "LATCHED" in words(model, "correction")
 
@@ -127,24 +127,27 @@ def test_corrections_stand_against_their_limits_and_the_latch_is_said():
 def test_recording():
     assert "nothing is recorded" in words(model_with(), "recording")
     figures = {"bag": "/data/bag", "size_mb": "12.5", "free_mb": "250000", "messages": "1234567"}
-    statuses = [Status("recorder", "recording", 0, "recording", figures), Status("recorder", "state", 0, "active")]
+    statuses = [
+        NodeStatus("recorder", "recording", 0, "recording", figures),
+        NodeStatus("recorder", "state", 0, "active"),
+    ]
     text = words(model_with(statuses), "recording")
     for expected in ("recording", "/data/bag", "12.5 MB", "250.00 GB", "1,234,567"):
         assert expected in text
-    paused = [statuses[0], Status("recorder", "state", 1, "inactive")]
+    paused = [statuses[0], NodeStatus("recorder", "state", 1, "inactive")]
     assert "paused: nothing is recorded" in words(model_with(paused), "recording")
 
 
 def test_the_gap_monitors_last_verdict():
     figures = {"causes": "head eccentricity b (97%)", "age_s": "240", "turns": "25"}
-    text = words(model_with([Status("gap_monitor", "verdict", 1, "a gap", figures)]), "gap")
+    text = words(model_with([NodeStatus("gap_monitor", "verdict", 1, "a gap", figures)]), "gap")
     for expected in ("a gap", "head eccentricity b (97%)", "of 25 turns that ended 4 min ago"):
         assert expected in text
 
 
 def test_a_simulation_is_called_one():
-    assert "SIMULATED" not in words(model_with([Status("encoder_head_a", "state", 0, "")]), "verdict")
-    simulated = Status("encoder_head_a", "state", 0, "", {"simulated": "true"})
+    assert "SIMULATED" not in words(model_with([NodeStatus("encoder_head_a", "state", 0, "")]), "verdict")
+    simulated = NodeStatus("encoder_head_a", "state", 0, "", {"simulated": "true"})
     assert "SIMULATED" in words(model_with([simulated]), "verdict")
 
 
@@ -152,14 +155,14 @@ def test_nothing_that_comes_on_a_topic_is_markup():
     figures = {**LIMITS, "bag": EVIL, "causes": EVIL, "age_s": EVIL, "messages": EVIL, "size_mb": EVIL, "turns": EVIL}
     model = model_with(
         [
-            Status("compensation", "correction", 2, EVIL, figures),
-            Status("recorder", "recording", 2, EVIL, figures),
-            Status("gap_monitor", "verdict", 2, EVIL, figures),
-            Status(EVIL, EVIL, 2, EVIL, figures),
+            NodeStatus("compensation", "correction", 2, EVIL, figures),
+            NodeStatus("recorder", "recording", 2, EVIL, figures),
+            NodeStatus("gap_monitor", "verdict", 2, EVIL, figures),
+            NodeStatus(EVIL, EVIL, 2, EVIL, figures),
         ]
     )
     model.take_corrections({EVIL: 1.0}, 0.0)
-    for name, text in Drawn(model, {EVIL: 0.0}, EVIL).parts(Clock(0.1, NOW_NS)).items():
+    for name, text in CardDrawer(model, {EVIL: 0.0}, EVIL).parts(ShownMoment(0.1, NOW_NS)).items():
         assert not Words(text).tags & {"script", "img"}, name
 
 
@@ -169,7 +172,7 @@ def test_a_thousand_axes_are_refused():
 
 
 def test_a_part_that_is_as_before_stays_the_same_object_and_is_not_sent():
-    board = Board()
+    board = PageBoard()
     board.show({"a": "".join(["x", "1"]), "b": "y"})
     before = board.look()
     board.show({"a": "".join(["x", "1"]), "b": "z"})
@@ -179,11 +182,11 @@ def test_a_part_that_is_as_before_stays_the_same_object_and_is_not_sent():
 
 
 def test_the_day_is_not_drawn_anew_at_each_moment():
-    drawn, model = Drawn(model := model_with(), {}, "stage"), model
-    first = drawn.parts(Clock(0.0, NOW_NS))["trend_radial"]
+    drawn, model = CardDrawer(model := model_with(), {}, "stage"), model
+    first = drawn.parts(ShownMoment(0.0, NOW_NS))["trend_radial"]
     model.trend.note("radial error motion", 50.0, NOW_NS)
-    assert drawn.parts(Clock(4.9, NOW_NS))["trend_radial"] == first
-    assert drawn.parts(Clock(5.1, NOW_NS))["trend_radial"] != first
+    assert drawn.parts(ShownMoment(4.9, NOW_NS))["trend_radial"] == first
+    assert drawn.parts(ShownMoment(5.1, NOW_NS))["trend_radial"] != first
 
 
 @pytest.mark.parametrize(

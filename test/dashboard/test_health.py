@@ -9,8 +9,8 @@ import pytest
 from rotary_error_monitor.dashboard.health import (
     SILENT_AFTER,
     Health,
+    NodeStatus,
     Severity,
-    Status,
     label_of,
     plain_node,
     verdict_of,
@@ -29,7 +29,7 @@ def heard(statuses, now=0.0, namespace=""):
 
 def test_all_well_is_ok_and_nothing_heard_is_a_fault():
     assert verdict_of(heard([]).rows(0.0)).severity == Severity.FAULT
-    verdict = verdict_of(heard([Status("error_estimator", "estimate", 0, "complete")]).rows(0.1))
+    verdict = verdict_of(heard([NodeStatus("error_estimator", "estimate", 0, "complete")]).rows(0.1))
     assert (verdict.severity, verdict.more) == (Severity.OK, 0)
 
 
@@ -38,15 +38,15 @@ def test_all_well_is_ok_and_nothing_heard_is_a_fault():
     [(0, Severity.OK), (1, Severity.ATTENTION), (2, Severity.FAULT), (3, Severity.ATTENTION), (77, Severity.FAULT)],
 )
 def test_levels_of_rep_107(level, severity):
-    assert heard([Status("recorder", "recording", level, "")]).rows(0.0)[0].severity == severity
+    assert heard([NodeStatus("recorder", "recording", level, "")]).rows(0.0)[0].severity == severity
 
 
 def test_a_dead_head_is_named_in_plain_words_and_before_what_follows_from_it():
     statuses = [
-        Status("compensation", "correction", 2, "held: no error motion for 0.5 s on /stage/error_motion/samples"),
-        Status("error_estimator", "estimate", 1, "without head_d; redundancy is lost"),
-        Status("error_estimator", HEAD, 2, "stale: the last sample is 1.2 s old"),
-        Status("recorder", "recording", 0, "recording"),
+        NodeStatus("compensation", "correction", 2, "held: no error motion for 0.5 s on /stage/error_motion/samples"),
+        NodeStatus("error_estimator", "estimate", 1, "without head_d; redundancy is lost"),
+        NodeStatus("error_estimator", HEAD, 2, "stale: the last sample is 1.2 s old"),
+        NodeStatus("recorder", "recording", 0, "recording"),
     ]
     for seed in range(20):
         random.Random(seed).shuffle(statuses)
@@ -66,9 +66,9 @@ def test_a_dead_head_is_named_in_plain_words_and_before_what_follows_from_it():
 @pytest.mark.parametrize(
     ("status", "reason"),
     [
-        (Status("error_estimator", "estimate", 1, "without head_d"), "estimator: without head_d"),
-        (Status("error_estimator", HEAD, 2, "nothing has arrived yet"), "head d: nothing has arrived yet"),
-        (Status("lvdt", "state", 1, "inactive"), "lvdt: inactive"),
+        (NodeStatus("error_estimator", "estimate", 1, "without head_d"), "estimator: without head_d"),
+        (NodeStatus("error_estimator", HEAD, 2, "nothing has arrived yet"), "head d: nothing has arrived yet"),
+        (NodeStatus("lvdt", "state", 1, "inactive"), "lvdt: inactive"),
     ],
 )
 def test_a_reason_names_the_stream_or_the_node(status, reason):
@@ -76,7 +76,7 @@ def test_a_reason_names_the_stream_or_the_node(status, reason):
 
 
 def test_a_latch_is_said_as_it_is():
-    verdict = verdict_of(heard([Status("compensation", "correction", 2, "held: error limit latched: X")]).rows(0.0))
+    verdict = verdict_of(heard([NodeStatus("compensation", "correction", 2, "held: error limit latched: X")]).rows(0.0))
     assert verdict.reason == "corrections are held: error limit latched: X"
 
 
@@ -90,14 +90,14 @@ def test_a_latch_is_said_as_it_is():
     ],
 )
 def test_a_node_that_falls_silent_is_one_stale_row(node, severity, reason):
-    statuses = [Status(node, "state", 0, "active"), Status(node, "other", 0, "well")]
+    statuses = [NodeStatus(node, "state", 0, "active"), NodeStatus(node, "other", 0, "well")]
     health = heard(statuses, now=-1.0)
     health.note(statuses, 0.0)
     assert {row.stale for row in health.rows(SILENT_AFTER - 0.1)} == {False}
     (row,) = health.rows(3.0)
     assert (row.severity, row.stale, row.reason) == (severity, True, reason)
     assert health.find(node, "state", 3.0) is None
-    health.note([Status(node, "state", 0, "active")], 4.0)
+    health.note([NodeStatus(node, "state", 0, "active")], 4.0)
     assert [row.stale for row in health.rows(4.1)] == [False], "what it no longer says is gone"
     assert health.rows(4.0 + SILENT_AFTER + 0.1)[0].stale, "the interruption does not make it slow"
 
@@ -105,19 +105,22 @@ def test_a_node_that_falls_silent_is_one_stale_row(node, severity, reason):
 def test_who_reports_seldom_is_not_silent_between_two_reports():
     health = Health("", {})
     for beat in range(4):
-        health.note([Status("chiller", "", 0, "well")], 10.0 * beat)
+        health.note([NodeStatus("chiller", "", 0, "well")], 10.0 * beat)
     assert not health.rows(39.0)[0].stale
     assert health.rows(56.0)[0].stale
 
 
 def test_a_dead_head_stays_and_an_ended_tool_goes():
-    health = heard([Status("encoder_head_a", "state", 0, ""), Status("metrics", "server", 0, "serving")])
+    health = heard([NodeStatus("encoder_head_a", "state", 0, ""), NodeStatus("metrics", "server", 0, "serving")])
     assert len(health.rows(30.0)) == 2
     assert [row.what for row in health.rows(86_400.0)] == ["head a"]
 
 
 def test_another_namespace_is_left_out():
-    statuses = [Status("right.recorder", "recording", 2, "full"), Status("left.recorder", "recording", 0, "recording")]
+    statuses = [
+        NodeStatus("right.recorder", "recording", 2, "full"),
+        NodeStatus("left.recorder", "recording", 0, "recording"),
+    ]
     health = heard(statuses, namespace="left")
     assert [row.what for row in health.rows(0.0)] == ["recorder: recording"]
     assert health.find("recorder", "recording", 0.0) == statuses[1]
@@ -127,8 +130,8 @@ def test_another_namespace_is_left_out():
 def test_memory_is_bounded_whatever_names_come():
     health = Health("", {})
     for number in range(5000):
-        health.note([Status(f"node_{number}", f"part_{part}", 2, "x" * 10_000) for part in range(3)], number * 1e-4)
-        health.note([Status("one", f"part_{number}", 0, "")], number * 1e-4)
+        health.note([NodeStatus(f"node_{number}", f"part_{part}", 2, "x" * 10_000) for part in range(3)], number * 1e-4)
+        health.note([NodeStatus("one", f"part_{number}", 0, "")], number * 1e-4)
     rows = health.rows(0.5)
     assert len(rows) <= 200 * 3 + 100
     assert max(len(row.message) for row in rows) < 250

@@ -16,7 +16,7 @@ import urllib.request
 import pytest
 from ports import free_port
 
-from rotary_error_monitor.dashboard.board import Action, Board
+from rotary_error_monitor.dashboard.board import Action, PageBoard
 from rotary_error_monitor.dashboard.server import WebServer, holder_of, is_own, listen
 from rotary_error_monitor.errors import InputError
 
@@ -29,7 +29,7 @@ def fetched(port, path="/", headers=None):
 
 @pytest.fixture
 def served():
-    board, port = Board(), free_port()
+    board, port = PageBoard(), free_port()
     board.show({"verdict": "<p>all is well today</p>"})
     server = WebServer(board, "127.0.0.1", port)
     yield board, port
@@ -112,12 +112,12 @@ def test_no_socket_is_opened_for_a_page_of_another_host(served):
 
 def test_a_process_serves_one_dashboard(served):
     with pytest.raises(InputError, match="serves a dashboard already"):
-        WebServer(Board(), "127.0.0.1", free_port())
+        WebServer(PageBoard(), "127.0.0.1", free_port())
 
 
 @pytest.mark.parametrize("time_again", range(2))
 def test_a_server_after_the_last_one_in_this_process(time_again):
-    port, board = free_port(), Board()
+    port, board = free_port(), PageBoard()
     board.show({"verdict": f"time {time_again}"})
     server = WebServer(board, "127.0.0.1", port)
     assert f"time {time_again}" in fetched(port)[0]
@@ -133,7 +133,7 @@ def test_its_start_does_not_walk_through_all_objects_of_the_process(monkeypatch)
     """Whoever does sees tuples that other threads are about to build, which then fail: `SystemError: bad argument`."""
     walks = []
     monkeypatch.setattr(gc, "get_objects", lambda *_: walks.append(1) or [])
-    WebServer(Board(), "127.0.0.1", free_port()).stop()
+    WebServer(PageBoard(), "127.0.0.1", free_port()).stop()
     assert walks == []
 
 

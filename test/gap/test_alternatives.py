@@ -11,7 +11,7 @@ from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.selection import select_causes
 from rotary_error_monitor.gap.sentences import verdict_sentence
 from rotary_error_monitor.gap.verdict import Verdict
-from rotary_error_monitor.plant.motion import Motion, Segment
+from rotary_error_monitor.plant.motion import Motion, MotionSegment
 
 
 @pytest.mark.parametrize("usual", [1e-3, 1.0, 1e3])
@@ -46,7 +46,7 @@ def test_probabilities_are_as_often_right_as_they_say(linear, rng):
 
 def late_at_one_speed(stage_problem, seed, size):
     """A late encoder on a stage that turned at one speed only."""
-    motion = Motion((Segment(1000.0, 1.5),))
+    motion = Motion((MotionSegment(1000.0, 1.5),))
     return stage_problem(seed, "single", ["encoder_latency"], snr=(size, 1.01 * size), motion=motion)[0]
 
 

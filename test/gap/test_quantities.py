@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rotary_error_monitor.description.machine import load_machine
-from rotary_error_monitor.effects.effect import Estimate
+from rotary_error_monitor.effects.effect import ParameterEstimate
 from rotary_error_monitor.effects.guideways import AxisBacklash
 from rotary_error_monitor.gap.quantities import quantity
 from rotary_error_monitor.resources import share
@@ -39,7 +39,7 @@ FACTORS = {"p": 1e-12, "n": 1e-9, "µ": 1e-6, "m": 1e-3, "": 1.0}
     ],
 )
 def test_as_people_write_it(value: object, std: object, unit: str, text: str) -> None:
-    assert quantity(Estimate(value, std), unit) == text  # type: ignore[arg-type]
+    assert quantity(ParameterEstimate(value, std), unit) == text  # type: ignore[arg-type]
 
 
 @given(
@@ -47,7 +47,9 @@ def test_as_people_write_it(value: object, std: object, unit: str, text: str) ->
 )
 def test_the_text_holds_the_value_within_its_uncertainty(size: float, sign: float, part: float, unit: str) -> None:
     value, std = sign * size, size * part
-    found = re.fullmatch(r"(-?[\d.]+) ± ([\d.]+) ([pnµm]?)" + re.escape(unit), quantity(Estimate(value, std), unit))
+    found = re.fullmatch(
+        r"(-?[\d.]+) ± ([\d.]+) ([pnµm]?)" + re.escape(unit), quantity(ParameterEstimate(value, std), unit)
+    )
     assert found is not None
     factor = FACTORS[found[3]]
     assert abs(float(found[1]) * factor - value) <= 0.051 * std + 1e-15 * abs(value)

@@ -11,7 +11,12 @@ from hypothesis import strategies as st
 from rotary_error_monitor.linuxcnc_controller.gate import CorrectionMessage, GateLimits, RefusalError
 from rotary_error_monitor.linuxcnc_controller.intake import CorrectionIntake
 from rotary_error_monitor.linuxcnc_controller.kinematics import RotaryTableKinematics, TrivialKinematics
-from rotary_error_monitor.linuxcnc_controller.offsets import OffsetControl, OffsetLimits, Reading, corrections_of
+from rotary_error_monitor.linuxcnc_controller.offsets import (
+    ControllerReading,
+    OffsetControl,
+    OffsetLimits,
+    corrections_of,
+)
 from rotary_error_monitor.linuxcnc_controller.protocol import LinkSettings
 
 AXES = tuple("XYZAC")
@@ -61,7 +66,7 @@ class Bridge:
         self.look_number += 1
         if self.look_number % 60 == 0:
             self.intake.sources.enlist(self.listed, self.time_ns)
-        reading = Reading(
+        reading = ControllerReading(
             stamp_ns=NOW + self.time_ns, axes=axes, joints=(), commands=(), joint_velocities=(),
             requested=self.requested, applied=self.requested,
             counts=self.counts, enabled=True, homed=True, coordinated=True, limited=False, pulse=self.look_number,

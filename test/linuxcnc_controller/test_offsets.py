@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.linuxcnc_controller import offsets
 from rotary_error_monitor.linuxcnc_controller.kinematics import TrivialKinematics
-from rotary_error_monitor.linuxcnc_controller.offsets import OffsetControl, OffsetLimits, Reading
+from rotary_error_monitor.linuxcnc_controller.offsets import ControllerReading, OffsetControl, OffsetLimits
 from rotary_error_monitor.linuxcnc_controller.shaping import CourseLimits
 
 COUNT = 1e-10
@@ -25,7 +25,7 @@ class Machine:
     """Two axes whose requested offset follows the counts at once, unless a test meddles."""
 
     def __init__(self, counts=(0, 0), requested=(0.0, 0.0)):
-        self.reading = Reading(
+        self.reading = ControllerReading(
             stamp_ns=NOW, axes=(0.1, 0.2), joints=(0.1, 0.2), commands=(0.1, 0.2), joint_velocities=(0, 0),
             requested=requested, applied=requested, counts=counts, enabled=True, homed=True, coordinated=True,
             limited=False, pulse=0,

@@ -21,7 +21,7 @@ from rotary_error_monitor.linuxcnc_demonstration.run import (
     LARGEST_LATE,
     LARGEST_SHARE,
     LinuxcncRun,
-    Seen,
+    ObservedCourse,
     Witness,
     evaluate,
     figures,
@@ -85,7 +85,7 @@ def ideal_corrections(machine, joints):
     """Corrections of the model that knows the true error motion at each time."""
     time = 0.01 * np.arange(1, COUNT + 1)
     settings = MockSettings(OPTIONS.seed, EPOCH_NS, (), forces=False, rate=OPTIONS.rate)
-    truth = followed_plant(load_stage(), settings, Seen(time, joints[:, 4])).scene(time).error_motion
+    truth = followed_plant(load_stage(), settings, ObservedCourse(time, joints[:, 4])).scene(time).error_motion
     truth[:, 2] = np.nan
     return solve_axis_corrections(
         arrange_machine(machine), joints, direction=travel_directions(joints),

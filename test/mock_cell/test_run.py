@@ -20,8 +20,8 @@ from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.description.wire import load_wire
 from rotary_error_monitor.metrology.lvdt_comparison import LvdtComparison
 from rotary_error_monitor.mock_cell import run as mock_run
-from rotary_error_monitor.mock_cell.figures import Row, _maximum, table
-from rotary_error_monitor.mock_cell.run import Recording, _end_together
+from rotary_error_monitor.mock_cell.figures import BoundedFigure, _maximum, table
+from rotary_error_monitor.mock_cell.run import RunOutcome, _end_together
 from rotary_error_monitor.testing import Cell
 
 ROOT = Path(__file__).parents[2]
@@ -100,7 +100,7 @@ def _comes_true(condition: Callable[[], bool], patience: float = 60.0) -> bool:
 
 
 def test_a_process_that_ends_badly_is_told_with_its_words():
-    recording = Recording(Path("bag"), 0)
+    recording = RunOutcome(Path("bag"), 0)
     with Cell() as cell:
         good = cell.start("encoder_head", "encoder_head_a", source="mock")
         cell.wait_for_status("encoder_head_a: state", "active")
@@ -170,7 +170,12 @@ def test_the_page_is_served_before_anything_else_and_its_address_printed(tmp_pat
 
 
 def test_a_figure_out_of_its_bound_is_said():
-    rows = [Row("good", 1.0, 2.0), Row("bad", 3.0, 2.0), Row("not a number", float("nan"), 2.0), Row("free", 9.0)]
+    rows = [
+        BoundedFigure("good", 1.0, 2.0),
+        BoundedFigure("bad", 3.0, 2.0),
+        BoundedFigure("not a number", float("nan"), 2.0),
+        BoundedFigure("free", 9.0),
+    ]
     assert [row.ok for row in rows] == [True, False, False, True]
     lines = table(rows).splitlines()
     assert lines[0].endswith("at most 2.000  ok")

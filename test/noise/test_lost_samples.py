@@ -11,7 +11,7 @@ from scipy.interpolate import CubicHermiteSpline
 from rotary_error_monitor.effects.rotor import AT_REST
 from rotary_error_monitor.noise.head_grid import align_heads
 from rotary_error_monitor.noise.lost_samples import apart_between_samples, between_samples, inside, turning_points
-from rotary_error_monitor.plant.motion import Motion, Segment
+from rotary_error_monitor.plant.motion import Motion, MotionSegment
 from rotary_error_monitor.twin.commanded import CommandCurve
 from rotary_error_monitor.twin.recording import SignalStream, StageRecording
 
@@ -44,7 +44,9 @@ def test_no_interval_is_missed_in_which_the_command_is_off(seed):
     draw = np.random.default_rng(seed)
     time = np.sort(draw.uniform(0.0, 7.9, 200_000))
     kinks = [kinked(draw.uniform(2, 6), draw.uniform(-1, 1), 0.0), kinked(draw.uniform(2, 6), 0.0, draw.uniform(5, 60))]
-    brisk = Motion(tuple(Segment(0.8, float(speed)) for speed in draw.uniform(-2, 2, 10)), 10 ** draw.uniform(1, 2.5))
+    brisk = Motion(
+        tuple(MotionSegment(0.8, float(speed)) for speed in draw.uniform(-2, 2, 10)), 10 ** draw.uniform(1, 2.5)
+    )
     for course in (*kinks, brisk.at):
         command = sampled(course)
         left_out = between_samples(command, time, LEAST)
@@ -71,7 +73,7 @@ def test_heads_that_sample_one_after_the_other_are_apart_where_the_command_is_of
 
 
 def test_a_smooth_ramp_of_many_samples_is_believed():
-    course = Motion((Segment(1.0, 6.0), Segment(1.0, -6.0)), 60.0).at
+    course = Motion((MotionSegment(1.0, 6.0), MotionSegment(1.0, -6.0)), 60.0).at
     command = sampled(course)
     time = np.linspace(0.5, 7.5, 100_000)
     assert off(course, command, time).max() < LEAST
@@ -101,7 +103,7 @@ def test_where_the_direction_of_travel_is_not_known_is_left_out_and_nothing_else
     draw = np.random.default_rng(seed)
     speeds = draw.choice([-1.0, 1.0], 10) * draw.uniform(0.2, 2.0, 10)
     speeds[draw.integers(0, 10, 3)] = 0.0
-    course = Motion(tuple(Segment(draw.uniform(0.5, 0.8), float(speed)) for speed in speeds), 20.0)
+    course = Motion(tuple(MotionSegment(draw.uniform(0.5, 0.8), float(speed)) for speed in speeds), 20.0)
     command, time = sampled(course.at), np.sort(draw.uniform(0.0, 7.9, 100_000))
     spans = turning_points(command)
     assert 0 < np.ptp(spans, axis=1).sum() < 0.02 * 7.9
@@ -114,7 +116,7 @@ def test_where_the_direction_of_travel_is_not_known_is_left_out_and_nothing_else
 
 def test_a_command_that_dithers_at_rest_is_not_left_out():
     draw = np.random.default_rng(3)
-    command = sampled(Motion((Segment(1.0, 0.0), Segment(1.0, 1.0)), 20.0).at)
+    command = sampled(Motion((MotionSegment(1.0, 0.0), MotionSegment(1.0, 1.0)), 20.0).at)
     command.values[:, 1] += 1e-6 * draw.normal(size=len(command.time))
     assert len(turning_points(command)) == 0
 

@@ -22,7 +22,7 @@ from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.reproduction.lou2019 import PAPER, SIMULATED
 from rotary_error_monitor.reproduction.lou2019_figures import Readings, original_errors
 from rotary_error_monitor.reproduction.page import page
-from rotary_error_monitor.reproduction.procedure import Bench, ProcedureStep, Reproduction, Row
+from rotary_error_monitor.reproduction.procedure import Bench, PaperComparison, ProcedureStep, Reproduction
 from rotary_error_monitor.sources.mock import MockSettings, mock_stage
 
 EPOCH_NS = 1_763_700_000_000_000_000
@@ -116,9 +116,15 @@ def _reproduction(folder: Path) -> Path:
     typed, said = Bench(folder).run("calibrate", "--help")
     figures = original_errors(Readings(bag, load_stage()))
     rows = [
-        Row("resolution of the encoder (Section 3)", "0.412 arcsec", "0.4116 arcsec", "rounded in the paper", True),
-        Row("largest residual from the LVDT at 5 mm", "less than 2 µm", "2.31 µm", "forces that nobody stated", False),
-        Row("eccentricity of the grid disc (Figure 7)", "no value", "(23.7, -10.9) µm", "the paper shows a curve"),
+        PaperComparison(
+            "resolution of the encoder (Section 3)", "0.412 arcsec", "0.4116 arcsec", "rounded in the paper", True
+        ),
+        PaperComparison(
+            "largest residual from the LVDT at 5 mm", "less than 2 µm", "2.31 µm", "forces that nobody stated", False
+        ),
+        PaperComparison(
+            "eccentricity of the grid disc (Figure 7)", "no value", "(23.7, -10.9) µm", "the paper shows a curve"
+        ),
     ]
     step = ProcedureStep(
         "Measure ring and mirror", "Section 2.1", typed, said, figures, "The shaft is between centres."

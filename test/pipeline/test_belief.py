@@ -11,7 +11,7 @@ from pushed_inputs import push_block
 
 from rotary_error_monitor.pipeline.estimation import Estimator
 from rotary_error_monitor.pipeline.estimator_settings import EstimatorSettings
-from rotary_error_monitor.pipeline.evidence import COLUMNS, INDEX, Means, Scatter, Window
+from rotary_error_monitor.pipeline.evidence import COLUMNS, INDEX, EvidenceWindow, Means, Scatter
 from rotary_error_monitor.pipeline.tilt_belief import TiltBelief
 from rotary_error_monitor.signals.blocks import SampleBlock
 
@@ -54,7 +54,7 @@ def window(number, reading, *, there=True, described=0.0, theta=0.0):
     # a little of it in y, which would else be stuck
     mean[INDEX["tilt_y"]], mean[INDEX["tilt_surplus_y"]] = 1e-3 * reading, 1e-3 * (reading - described)
     mean[INDEX["tilt_variance"]] = STAGE.autocollimator.noise**2
-    return Window(number, 0.01, 10, Means(*mean), Scatter(0.0, 0.0, 0.0), np.zeros(2), 63, True)
+    return EvidenceWindow(number, 0.01, 10, Means(*mean), Scatter(0.0, 0.0, 0.0), np.zeros(2), 63, True)
 
 
 @given(st.lists(st.tuples(st.booleans(), st.integers(0, 2), st.integers(1, 3)), max_size=60))

@@ -9,7 +9,7 @@ from world import random_stage
 
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.pipeline.command_belief import CommandBelief
-from rotary_error_monitor.pipeline.evidence import COLUMNS, SIGMAS, Means, Scatter, Window
+from rotary_error_monitor.pipeline.evidence import COLUMNS, SIGMAS, EvidenceWindow, Means, Scatter
 
 PERIOD, TICKS = 0.01, 10
 COUNT = 1200
@@ -26,7 +26,7 @@ def windows(
     there: np.ndarray | None = None,
     bends: np.ndarray | None = None,
     scatter: np.ndarray | None = None,
-) -> list[Window]:
+) -> list[EvidenceWindow]:
     """Windows in which the command is `there` for a part of the ticks, without it for all.
 
     Third differences of the heads are `bends` (rad), and ticks scatter by `scatter` (rad) about a line.
@@ -40,7 +40,7 @@ def windows(
         for angle, commanded, part, bend in zip(theta, command, parts, bent, strict=True)
     ]
     return [
-        Window(
+        EvidenceWindow(
             number,
             PERIOD,
             TICKS,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pipeline.test_estimation import AZIMUTHS, STAGE
 
-from rotary_error_monitor.pipeline.evidence import COLUMNS, Means, Scatter, Window
+from rotary_error_monitor.pipeline.evidence import COLUMNS, EvidenceWindow, Means, Scatter
 from rotary_error_monitor.pipeline.head_belief import HeadBelief
 
 HEADS = {name: AZIMUTHS[name] for name in "abc"}
@@ -25,7 +25,7 @@ def judged(sets: list[str], seed: int) -> HeadBelief:
         shown["surplus_x"], shown["surplus_y"] = np.sqrt(variance / 10) * generator.normal(size=2)
         shown["surplus_x"] += ECCENTRICITY * shown["radial"]
         mean = Means._make(float(shown.get(name, 0.0)) for name in COLUMNS)
-        belief.judge(Window(number, 0.01, 10, mean, Scatter(0.0, 0.0, 0.0), np.zeros(1), 0, True), tuple(heads))
+        belief.judge(EvidenceWindow(number, 0.01, 10, mean, Scatter(0.0, 0.0, 0.0), np.zeros(1), 0, True), tuple(heads))
     return belief
 
 
@@ -51,6 +51,8 @@ def test_a_step_that_is_interpolated_over_windows_which_tell_little_is_told_behi
                 shown["surplus_x"] = size * float(np.clip((number - begin + 1) / lasts, 0.0, 1.0))
                 shown["surplus_x"] += noise / np.sqrt(10.0) * generator.normal()
                 mean = Means._make(float(shown.get(name, 0.0)) for name in COLUMNS)
-                belief.judge(Window(number, 0.01, 10, mean, Scatter(0.0, 0.0, 0.0), np.zeros(1), 0, True), ("a", "b"))
+                belief.judge(
+                    EvidenceWindow(number, 0.01, 10, mean, Scatter(0.0, 0.0, 0.0), np.zeros(1), 0, True), ("a", "b")
+                )
                 assert number >= begin or not belief.contradiction
             assert bool(belief.contradiction) is told, (size, begin)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.pipeline.joints import JointTrack
-from rotary_error_monitor.pipeline.travel import Travel
+from rotary_error_monitor.pipeline.travel import TravelDirections
 
 MACHINE = load_machine("xyzac_trt")
 HALF = [0.5 * axis.reversal for axis in MACHINE.axes]
@@ -29,7 +29,7 @@ def side_of_the_slot(path, first):
 @given(st.lists(st.floats(-3.0, 3.0).filter(lambda step: abs(step) > 1e-2), min_size=2, max_size=40))
 def test_an_axis_has_turned_once_half_of_its_play_is_taken_up(steps):
     """Steps in multiples of that half; the first puts the pin to its side."""
-    travel, still = Travel(MACHINE), np.zeros(len(HALF))
+    travel, still = TravelDirections(MACHINE), np.zeros(len(HALF))
     found = [travel.move(np.array(HALF) * step, still).copy() for step in steps]
     expected = side_of_the_slot(np.cumsum(steps), np.sign(steps[0]))
     np.testing.assert_array_equal(np.array(found), np.outer(expected, np.ones(len(HALF))))

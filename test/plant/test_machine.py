@@ -13,7 +13,7 @@ from rotary_error_monitor.description.machine import MachineDescription, load_ma
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.error_model import predict_tool_offset
 from rotary_error_monitor.machine.kinematics import arrange_machine
-from rotary_error_monitor.plant.machine import MachinePlant, Poses, make_poses
+from rotary_error_monitor.plant.machine import MachinePlant, MachineStates, make_poses
 
 Array = NDArray[np.float64]
 
@@ -60,7 +60,7 @@ def written_out(machine: MachineDescription, positions: Array, directions: Array
     return np.asarray(np.linalg.inv(frames[machine.workpiece]) @ frames[machine.tool])
 
 
-def random_poses(machine: MachineDescription, count: int) -> Poses:
+def random_poses(machine: MachineDescription, count: int) -> MachineStates:
     draw = np.random.default_rng(5)
     low, high = np.array([axis.travel for axis in machine.axes]).T
     positions = draw.uniform(low, high, (count, len(low)))

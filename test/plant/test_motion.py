@@ -8,8 +8,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.plant.environment import Forces, Push, Temperature, intermittent_forces
-from rotary_error_monitor.plant.motion import Motion, Segment, motion_in_use, random_motion, reversing_motion
+from rotary_error_monitor.plant.environment import Forces, Push, TemperatureCourse, intermittent_forces
+from rotary_error_monitor.plant.motion import Motion, MotionSegment, motion_in_use, random_motion, reversing_motion
 
 
 @pytest.mark.parametrize("motion", [reversing_motion(), random_motion(3), random_motion(4, duration=60, segments=9)])
@@ -24,7 +24,7 @@ def test_angle_is_the_integral_of_velocity_and_acceleration_stays_below_its_limi
 
 
 def test_angle_of_constant_speeds_is_their_sum() -> None:
-    motion = Motion((Segment(10.0, 2.0), Segment(5.0, -1.0)), acceleration=30.0)
+    motion = Motion((MotionSegment(10.0, 2.0), MotionSegment(5.0, -1.0)), acceleration=30.0)
     angle, velocity = motion.at(np.array([0.0, 15.0, 30.0, 9.0, 14.0]))
     ramp = 1.875 * 3 / 30
     turn = 10 * 2.0 - 5 * 1.0  # the two ramps lose and gain the same
@@ -36,7 +36,7 @@ def test_angle_of_constant_speeds_is_their_sum() -> None:
 @given(st.lists(st.tuples(st.floats(2, 20), st.floats(-10, 10)), min_size=1, max_size=6), st.floats(-1e3, 1e3))
 @example([(2.0, 0.0), (2.0, 1.0)], -5e-324)
 def test_motion_repeats(rows: list[tuple[float, float]], start: float) -> None:
-    motion = Motion(tuple(Segment(*row) for row in rows))
+    motion = Motion(tuple(MotionSegment(*row) for row in rows))
     time = start + np.linspace(0, 30, 50)
     first, then = motion.at(time), motion.at(time + motion.cycle)
     np.testing.assert_allclose(then[1], first[1], rtol=0, atol=1e-6)
@@ -48,13 +48,13 @@ def test_motion_repeats(rows: list[tuple[float, float]], start: float) -> None:
     ("segments", "acceleration", "message"),
     [
         ((), 60.0, "at least one segment"),
-        ((Segment(1.0, 1.0),), 0.0, "acceleration 0.0"),
-        ((Segment(0.01, 10.0), Segment(5.0, 0.0)), 60.0, "duration must be at least the 0.312 s"),
-        ((Segment(5.0, np.nan),), 60.0, "all numbers finite"),
-        ((Segment(0.0, 1.0),), 60.0, "longer than 0 s"),
+        ((MotionSegment(1.0, 1.0),), 0.0, "acceleration 0.0"),
+        ((MotionSegment(0.01, 10.0), MotionSegment(5.0, 0.0)), 60.0, "duration must be at least the 0.312 s"),
+        ((MotionSegment(5.0, np.nan),), 60.0, "all numbers finite"),
+        ((MotionSegment(0.0, 1.0),), 60.0, "longer than 0 s"),
     ],
 )
-def test_impossible_motion_is_refused(segments: tuple[Segment, ...], acceleration: float, message: str) -> None:
+def test_impossible_motion_is_refused(segments: tuple[MotionSegment, ...], acceleration: float, message: str) -> None:
     with pytest.raises(InputError, match=message):
         Motion(segments, acceleration)
 
@@ -111,7 +111,7 @@ def test_impossible_pushes_are_refused(
 
 
 def test_temperature_settles() -> None:
-    temperature = Temperature(start=20.0, rise=2.0, settling=10.0).at(np.array([-5.0, 0.0, 10.0, 1e4]))
+    temperature = TemperatureCourse(start=20.0, rise=2.0, settling=10.0).at(np.array([-5.0, 0.0, 10.0, 1e4]))
     np.testing.assert_allclose(temperature, [20, 20, 22 - 2 / np.e, 22], rtol=0, atol=1e-12)
-    swinging = Temperature(rise=0.0, swing=0.5, period=100.0).at(np.array([25.0, 75.0]))
+    swinging = TemperatureCourse(rise=0.0, swing=0.5, period=100.0).at(np.array([25.0, 75.0]))
     np.testing.assert_allclose(swinging, [20.5, 19.5], rtol=0, atol=1e-12)

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from rotary_error_monitor.plant.noise import Noise, Turbulence
+from rotary_error_monitor.plant.noise import Noise, TurbulenceCourse
 
 
 @given(st.integers(-(10**6), 10**12), st.integers(0, 60), st.integers(0, 60))
@@ -40,7 +40,7 @@ def test_numbers_are_uniform_normal_and_independent() -> None:
 
 
 def test_turbulence_is_a_function_of_time() -> None:
-    air = Turbulence(Noise(1, "air"), 0.3)
+    air = TurbulenceCourse(Noise(1, "air"), 0.3)
     time = np.linspace(-2, 30, 5000)
     whole = air.at(time)
     np.testing.assert_array_equal(np.concatenate([air.at(time[:1]), air.at(time[1:77]), air.at(time[77:])]), whole)

@@ -13,7 +13,7 @@ from rotary_error_monitor.cases.making import make_machine_case, make_stage_case
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant.noise import Noise
-from rotary_error_monitor.plant.noise_forms import FORMS, Flicker, Hum, Tails, Wander, draw_noise
+from rotary_error_monitor.plant.noise_forms import FORMS, Flicker, Hum, Tails, WanderingNoise, draw_noise
 
 RATE = 250.0
 NOISE = Noise(3, "head_a")
@@ -40,7 +40,7 @@ def test_flicker_meets_the_white_noise_at_its_corner_and_falls_with_frequency() 
 
 
 def test_what_wanders_has_its_size_and_forgets_in_its_time() -> None:
-    shown = Wander(0.5, 2.0).shaped(NORMAL, NOISE, TIME)[:, 0] - NORMAL[:, 0]
+    shown = WanderingNoise(0.5, 2.0).shaped(NORMAL, NOISE, TIME)[:, 0] - NORMAL[:, 0]
     assert shown.std() == pytest.approx(0.5, rel=0.2)
     later = shown[round(2.0 * RATE) :]
     assert np.corrcoef(shown[: len(later)], later)[0, 1] == pytest.approx(np.exp(-1), abs=0.15)

@@ -11,7 +11,7 @@ from rotary_error_monitor.cases.faults import make_fault
 from rotary_error_monitor.description.listed_sensors import ListedSensor
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.plant.clocks import stage_clocks
-from rotary_error_monitor.plant.environment import Temperature
+from rotary_error_monitor.plant.environment import TemperatureCourse
 from rotary_error_monitor.plant.stage import StagePlant
 
 NAMES = ("thermometer_bearing", "thermometer_housing")
@@ -37,7 +37,7 @@ def test_each_place_warms_on_its_own_and_the_same_again(seed):
 
 
 def test_samples_are_slow_noisy_and_in_steps_about_temperature_and_zero():
-    told = Temperature(start=21.0, rise=2.0, settling=30.0)
+    told = TemperatureCourse(start=21.0, rise=2.0, settling=30.0)
     block = plant(3, places={"bearing": told}).samples(NAMES[0], 0, 400)
     assert block.names == ("t", "temperature")
     np.testing.assert_allclose(np.diff(block.times_ns), 1_000_000_000, atol=1)

@@ -17,18 +17,18 @@ from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.recordings.analysis import Question
 from rotary_error_monitor.recordings.bag_figures import question_key
-from rotary_error_monitor.recordings.index import Entry, Index
+from rotary_error_monitor.recordings.index import Index, IndexEntry
 
 KILLED = """
 import os, signal, sys
 from pathlib import Path
 from rotary_error_monitor.analysis.result import Figure
-from rotary_error_monitor.recordings.index import Entry, Index
+from rotary_error_monitor.recordings.index import IndexEntry, Index
 folder = Path(sys.argv[1])
 figures = tuple(Figure(f"f{k}", "s", 1.0 * k, 0.1, "m") for k in range(50))
 index = Index(folder / "i.duckdb", folder)
-index.put("first", "q", "1", [Entry("/", "", 5, figures)])
-index.put("second", "q", "1", [Entry("/", "", 6, figures)])
+index.put("first", "q", "1", [IndexEntry("/", "", 5, figures)])
+index.put("second", "q", "1", [IndexEntry("/", "", 6, figures)])
 insert, tables = index._insert, []
 def half(table, rows):
     insert(table, rows)
@@ -36,7 +36,7 @@ def half(table, rows):
     if len(tables) == int(sys.argv[2]):
         os.kill(os.getpid(), signal.SIGKILL)
 index._insert = half
-index.put("second", "q", "2", [Entry("/", "", 7, figures), Entry("/left", "", 8, figures)])
+index.put("second", "q", "2", [IndexEntry("/", "", 7, figures), IndexEntry("/left", "", 8, figures)])
 """
 
 
@@ -50,7 +50,7 @@ def test_a_kill_in_the_middle_of_a_bag_leaves_what_was_known(tmp_path, statement
         assert [(bag, entry.started_ns, len(entry.figures)) for bag, entry in found] == [
             *(("first", 5, 50), ("second", 6, 50))
         ]
-        index.put("second", "q", "2", [Entry("/", "", 7)])
+        index.put("second", "q", "2", [IndexEntry("/", "", 7)])
         assert index.fingerprints("q") == {"first": "1", "second": "2"}
 
 
@@ -59,8 +59,10 @@ def test_what_is_put_comes_back_as_it_was_and_questions_and_folders_are_told_apa
         Figure("a.b", "forward 4 rad/s", 1e-6, None, "m"),
         Figure("c", "", -2.5e-7, 1e-9, "rad/K", 3e-7, 4, 100, 6.5),
     )
-    whole = Entry("/left", "A7", 1_763_700_000_123_456_789, figures, (("forward 4 rad/s", 4.0),), "", ("a note", "ü"))
-    failed = Entry("", reason="no message")
+    whole = IndexEntry(
+        "/left", "A7", 1_763_700_000_123_456_789, figures, (("forward 4 rad/s", 4.0),), "", ("a note", "ü")
+    )
+    failed = IndexEntry("", reason="no message")
     (tmp_path / "bags").mkdir()
     with Index(tmp_path / "i.duckdb", tmp_path / "bags") as index:
         index.put("one", "q", "1", [whole])
@@ -77,7 +79,7 @@ def test_what_is_put_comes_back_as_it_was_and_questions_and_folders_are_told_apa
 def test_an_index_within_its_folder_goes_where_the_folder_goes(tmp_path):
     (tmp_path / "bags").mkdir()
     with Index(tmp_path / "bags" / "i.duckdb", tmp_path / "bags") as index:
-        index.put("one", "q", "1", [Entry("/")])
+        index.put("one", "q", "1", [IndexEntry("/")])
     (tmp_path / "bags").rename(tmp_path / "moved")
     with Index(tmp_path / "moved" / "i.duckdb", tmp_path / "moved") as index:
         assert index.bags() == {"one"}
@@ -85,7 +87,7 @@ def test_an_index_within_its_folder_goes_where_the_folder_goes(tmp_path):
 
 def test_another_version_reads_again(tmp_path, monkeypatch):
     with Index(tmp_path / "i.duckdb", tmp_path) as index:
-        index.put("one", "q", "1", [Entry("/")])
+        index.put("one", "q", "1", [IndexEntry("/")])
         monkeypatch.setattr("rotary_error_monitor.recordings.index.__version__", "99.0")
         assert index.fingerprints("q") == {}
 

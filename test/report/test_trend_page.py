@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from rotary_error_monitor.analysis.history import Recorded, StageHistory, histories
+from rotary_error_monitor.analysis.history import RecordingFigures, StageHistory, histories
 from rotary_error_monitor.analysis.result import Figure
 from rotary_error_monitor.analysis.trend import DAY_NS
 from rotary_error_monitor.analysis.trend_result import FolderTrend, Unread
@@ -30,7 +30,9 @@ def wearing(stage: str, slope: float, seed: int, count: int = 12) -> tuple[Stage
             Figure("tilt_x.total", "forward 4 rad/s", tilt, 1e-8, "rad", tilt, 4, 100, 60.0),
             Figure("axial.total", "forward 4 rad/s", 2e-7, 1e-8, "m", 2e-7, 4, 100, 60.0),
         )
-        rows.append(Recorded(f"day {day}", stage, "/", BEGIN_NS + day * DAY_NS, figures, {"forward 4 rad/s": 4.0}))
+        rows.append(
+            RecordingFigures(f"day {day}", stage, "/", BEGIN_NS + day * DAY_NS, figures, {"forward 4 rad/s": 4.0})
+        )
     return histories(rows, ErrorMotionLimits(tilt_total=5e-6), 0.01)
 
 
@@ -88,7 +90,7 @@ def test_bags_that_are_not_in_the_trend_are_listed_with_their_reasons() -> None:
 def test_no_more_is_drawn_than_fits_on_a_page() -> None:
     names = [f"radial_x_at_{height}mm.total" for height in range(2 * MOST_PANELS)]
     rows = [
-        Recorded(f"{k}", "A", "/", BEGIN_NS + k, tuple(Figure(name, "", 1e-6, 1e-7, "m") for name in names), {})
+        RecordingFigures(f"{k}", "A", "/", BEGIN_NS + k, tuple(Figure(name, "", 1e-6, 1e-7, "m") for name in names), {})
         for k in range(2)
     ]
     trend = FolderTrend(histories(rows, ErrorMotionLimits(), 0.01), (), (), (), 2, 0)

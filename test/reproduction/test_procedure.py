@@ -6,15 +6,15 @@ import pytest
 
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.reproduction.page import page, text_table
-from rotary_error_monitor.reproduction.procedure import Bench, ProcedureStep, Reproduction, Row
+from rotary_error_monitor.reproduction.procedure import Bench, PaperComparison, ProcedureStep, Reproduction
 
 ROWS = (
-    Row("speed", "1 r/s", "1.00 r/s", "rounded", True),
-    Row("eccentricity", "no value", "24 µm", "a curve is shown"),
+    PaperComparison("speed", "1 r/s", "1.00 r/s", "rounded", True),
+    PaperComparison("eccentricity", "no value", "24 µm", "a curve is shown"),
 )
 
 
-def of(*rows: Row) -> Reproduction:
+def of(*rows: PaperComparison) -> Reproduction:
     return Reproduction("lou2019", "Lou et al.", "a stage", (ProcedureStep("Measure", "Section 3"),), rows)
 
 
@@ -33,7 +33,7 @@ def test_commands_run_in_the_folder(tmp_path):
 
 @pytest.mark.parametrize(("holds", "kept"), [(True, True), (None, True), (False, False)])
 def test_one_statement_that_does_not_hold_is_enough(holds, kept):
-    found = of(*ROWS, Row("residual", "less than 2 µm", "3 µm", "noise", holds))
+    found = of(*ROWS, PaperComparison("residual", "less than 2 µm", "3 µm", "noise", holds))
     assert found.kept is kept
     text = page(found)
     assert ("✓ Reproduced" in text) is kept and ("✗ Not reproduced" in text) is not kept

@@ -13,7 +13,7 @@ from rotary_error_monitor.cli import main
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.resources import config
 from rotary_error_monitor.supervision.cell_file import CellNode, executables, nodes_of
-from rotary_error_monitor.supervision.supervisor import Pace
+from rotary_error_monitor.supervision.supervisor import RestartTimes
 
 SETUP = Path(__file__).parents[2] / "setup.py"
 
@@ -82,7 +82,7 @@ def test_what_is_no_cell(tmp_path: Path, text: str, said: str, capsys: pytest.Ca
 
 
 def test_waits_double_and_begin_anew() -> None:
-    pace = Pace(shortest=1.0, longest=30.0, settled=60.0)
+    pace = RestartTimes(shortest=1.0, longest=30.0, settled=60.0)
     waits = [0.0]
     for _ in range(7):
         waits.append(pace.wait(waits[-1], ran=3.0))

@@ -32,9 +32,9 @@ CELL = f"""{HEADS}
 STUBBORN = """
 import asyncio
 from rotary_error_monitor.supervision.cell_file import CellNode
-from rotary_error_monitor.supervision.supervisor import Pace, Supervisor
+from rotary_error_monitor.supervision.supervisor import RestartTimes, Supervisor
 say = lambda text: print("up:", text, flush=True)
-raise SystemExit(asyncio.run(Supervisor([CellNode("recorder", "recorder")], [], say, Pace(patience=1.0)).run()))
+raise SystemExit(asyncio.run(Supervisor([CellNode("recorder", "recorder")], [], say, RestartTimes(patience=1.0)).run()))
 """
 
 

@@ -11,7 +11,7 @@ from rotary_error_monitor.cases.departures.departure import Ranges, Reals
 from rotary_error_monitor.cases.departures.poses import ByAxis, PoseSwell, place
 from rotary_error_monitor.cases.departures.swells import Swell
 from rotary_error_monitor.description.machine import MachineDescription
-from rotary_error_monitor.plant.machine import Poses
+from rotary_error_monitor.plant.machine import MachineStates
 from rotary_error_monitor.plant.scene import Scene
 
 USUAL_DURATION = 40.0
@@ -109,7 +109,7 @@ class PoseBegins(PoseSwell):
         """The mechanism."""
         return f"after {100 * self.part:.0f} % of the poses"
 
-    def factor(self, poses: Poses, machine: MachineDescription) -> Reals:
+    def factor(self, poses: MachineStates, machine: MachineDescription) -> Reals:
         """Step."""
         count = len(poses.warming)
         return np.asarray(np.arange(count) >= self.part * count, np.float64)
@@ -124,7 +124,7 @@ class PoseGrows(PoseSwell):
     ranges: ClassVar[Ranges] = {"power": (1.8, 5.0)}
     signed = False
 
-    def factor(self, poses: Poses, machine: MachineDescription) -> Reals:
+    def factor(self, poses: MachineStates, machine: MachineDescription) -> Reals:
         """Power of the number."""
         return np.asarray(np.linspace(0, 1, len(poses.warming)) ** self.power, np.float64)
 
@@ -138,7 +138,7 @@ class PoseOnlyOneWay(ByAxis):
         """The mechanism."""
         return f"where {self.letter} travelled in its {'positive' if self.strength > 0 else 'negative'} direction only"
 
-    def factor(self, poses: Poses, machine: MachineDescription) -> Reals:
+    def factor(self, poses: MachineStates, machine: MachineDescription) -> Reals:
         """By the direction of travel."""
         direction = poses.directions[:, machine.letters.index(self.letter)]
         return 0.5 + 0.5 * self.strength * direction
@@ -153,7 +153,7 @@ class HalfTravel(ByAxis):
         """The mechanism."""
         return f"in the {'upper' if self.strength > 0 else 'lower'} half of the travel of {self.letter} only"
 
-    def factor(self, poses: Poses, machine: MachineDescription) -> Reals:
+    def factor(self, poses: MachineStates, machine: MachineDescription) -> Reals:
         """By the position, within a tenth of the travel."""
         return 0.5 + 0.5 * np.tanh(10 * self.strength * place(poses, machine, self.letter))
 

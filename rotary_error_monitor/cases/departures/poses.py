@@ -13,8 +13,8 @@ from rotary_error_monitor.cases.departures.swells import SIZES
 from rotary_error_monitor.cases.faults import Named
 from rotary_error_monitor.cases.faults.axes import AxisFault
 from rotary_error_monitor.description.machine import MachineDescription
-from rotary_error_monitor.plant.machine import MachineFault, MachinePlant, Poses, over_travel
-from rotary_error_monitor.plant.noise import Noise, Turbulence
+from rotary_error_monitor.plant.machine import MachineFault, MachinePlant, MachineStates, over_travel
+from rotary_error_monitor.plant.noise import Noise, TurbulenceCourse
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,7 +27,7 @@ class PoseSwell(Departure):
         return (PoseSwelling(textbook, self),)
 
     @abstractmethod
-    def factor(self, poses: Poses, machine: MachineDescription) -> Reals:
+    def factor(self, poses: MachineStates, machine: MachineDescription) -> Reals:
         """(n,) how many times its own size the fault has at each pose; poses follow one another in time."""
 
 
@@ -39,7 +39,7 @@ class PoseSwelling(MachineFault):
     swell: PoseSwell
 
     def over_poses(
-        self, plant: MachinePlant, poses: Poses, corrections: Reals | None, monitored: Reals | None
+        self, plant: MachinePlant, poses: MachineStates, corrections: Reals | None, monitored: Reals | None
     ) -> Reals:
         """Offsets of the tool at the size that the fault has at each pose."""
         others = tuple(fault for fault in plant.faults if fault is not self)
@@ -50,7 +50,7 @@ class PoseSwelling(MachineFault):
         return blended(offsets, SIZES, self.swell.factor(poses, plant.description))
 
 
-def place(poses: Poses, machine: MachineDescription, letter: str) -> Reals:
+def place(poses: MachineStates, machine: MachineDescription, letter: str) -> Reals:
     """(n,) where an axis is at each pose, scaled to its travel."""
     return over_travel(machine.axis(letter), poses.positions[:, machine.letters.index(letter)])
 
@@ -73,7 +73,7 @@ class PoseWarming(PoseSwell):
     told = "changes with temperature by {percent:+.3g} %/K, {lag:.0f} poses late"
     ranges: ClassVar[Ranges] = {"lag": (2.0, 40.0)}
 
-    def factor(self, poses: Poses, machine: MachineDescription) -> Reals:
+    def factor(self, poses: MachineStates, machine: MachineDescription) -> Reals:
         """In proportion to the temperature."""
         return 1 + self.strength * lagging(poses.warming, self.lag)
 
@@ -86,7 +86,7 @@ class LaggingScale(PoseSwell):
     signed = False  # lags are positive
     told = "the scale lags the thermometer by {strength:.3g} poses"
 
-    def factor(self, poses: Poses, machine: MachineDescription) -> Reals:
+    def factor(self, poses: MachineStates, machine: MachineDescription) -> Reals:
         """Own temperature over that of the thermometer."""
         follows = lagging(poses.warming, max(self.strength, 1e-3))
         return np.divide(follows, poses.warming, out=np.zeros_like(follows), where=poses.warming != 0)
@@ -111,7 +111,7 @@ class PoseOneWay(ByAxis):
     most: ClassVar[float] = 0.8
     told = "where {letter} travelled in its negative direction {percent:+.3g} % of its size"
 
-    def factor(self, poses: Poses, machine: MachineDescription) -> Reals:
+    def factor(self, poses: MachineStates, machine: MachineDescription) -> Reals:
         """By the direction of travel."""
         return 1 + self.strength * (1 - poses.directions[:, machine.letters.index(self.letter)]) / 2
 
@@ -140,7 +140,7 @@ class AlongTravel(PoseSwell):
         letter = self.letter or (textbook.location[-1] if textbook.location else "Z")
         return PoseSwell.parts(replace(self, letter=letter), textbook)
 
-    def factor(self, poses: Poses, machine: MachineDescription) -> Reals:
+    def factor(self, poses: MachineStates, machine: MachineDescription) -> Reals:
         """Power of the position, scaled to the travel."""
         return 1 + self.strength * place(poses, machine, self.letter or "Z") ** self.power
 
@@ -169,9 +169,9 @@ class PoseWander(PoseSwell):
         """Over tens of poses."""
         return cls(seed=int(draw.integers(2**31)), correlation=float(draw.uniform(20.0, 80.0)))
 
-    def factor(self, poses: Poses, machine: MachineDescription) -> Reals:
+    def factor(self, poses: MachineStates, machine: MachineDescription) -> Reals:
         """First-order autoregressive noise."""
-        noise = Turbulence(Noise(self.seed, "wander"), self.correlation)
+        noise = TurbulenceCourse(Noise(self.seed, "wander"), self.correlation)
         return 1 + self.strength * noise.at(np.arange(len(poses.warming), dtype=np.float64))
 
 
@@ -183,7 +183,7 @@ class PoseRunIn(PoseSwell):
     told = "at first {percent:+.3g} % of its size, fading within {settling:.0f} poses"
     ranges: ClassVar[Ranges] = {"settling": (15.0, 80.0)}
 
-    def factor(self, poses: Poses, machine: MachineDescription) -> Reals:
+    def factor(self, poses: MachineStates, machine: MachineDescription) -> Reals:
         """Fades exponentially."""
         return 1 + self.strength * np.exp(-np.arange(len(poses.warming)) / self.settling)
 
@@ -196,7 +196,7 @@ class StiffeningHead(PoseSwell):
     signed = False  # springs only stiffen
     told = "stiffens under its weight: divided by 1 + {strength:.3g} at full lever"
 
-    def factor(self, poses: Poses, machine: MachineDescription) -> Reals:
+    def factor(self, poses: MachineStates, machine: MachineDescription) -> Reals:
         """By the lever of the weight."""
         lever = np.abs(np.sin(poses.positions[:, machine.letters.index("A")]))
         return np.asarray(1 / (1 + self.strength * lever), np.float64)

@@ -11,7 +11,7 @@ import numpy as np
 from rotary_error_monitor.cases.departures.departure import Departure, Part, Ranges, Reals, blended
 from rotary_error_monitor.cases.faults import Named, StageFault
 from rotary_error_monitor.plant.environment import lagged_warming
-from rotary_error_monitor.plant.noise import Noise, Turbulence
+from rotary_error_monitor.plant.noise import Noise, TurbulenceCourse
 from rotary_error_monitor.plant.scene import Fault, Plant, Scene
 
 SIZES = (0.0, 0.5, 1.0)
@@ -144,7 +144,7 @@ class Wander(Swell):
 
     def factor(self, scene: Scene) -> Reals:
         """First-order autoregressive noise, smoothed over a tenth of its correlation time."""
-        noise = Turbulence(Noise(self.seed, "wander"), self.correlation)
+        noise = TurbulenceCourse(Noise(self.seed, "wander"), self.correlation)
         shifts = np.linspace(-0.05, 0.05, 5) * self.correlation
         smooth = np.mean([noise.at(scene.time + shift) for shift in shifts], axis=0)
         return np.asarray(1 + self.strength * smooth, np.float64)

@@ -10,7 +10,7 @@ import numpy as np
 from rotary_error_monitor.cases.faults.named import Named, Pair, Reals, unnamed, vocabulary
 from rotary_error_monitor.description.machine import DIRECTIONS, MachineDescription
 from rotary_error_monitor.description.machine_parts import Axis, Displacement
-from rotary_error_monitor.plant.machine import MachineFault, Poses, over_travel
+from rotary_error_monitor.plant.machine import MachineFault, MachineStates, over_travel
 
 Vector = tuple[float, float, float]
 TURNED = {"XY": ("X", (0.0, 0.0, -1.0)), "XZ": ("Z", (0.0, 1.0, 0.0)), "YZ": ("Z", (-1.0, 0.0, 0.0))}
@@ -31,7 +31,7 @@ class ComponentFault(AxisFault, ABC):
         """Name of the component, such as EXX."""
         return f"E{self.location}{self.location}"
 
-    def err(self, errors: Reals, axis: Axis, column: int, poses: Poses) -> Reals:
+    def err(self, errors: Reals, axis: Axis, column: int, poses: MachineStates) -> Reals:
         """Errors with this fault's."""
         if axis.letter != self.component[2]:
             return errors
@@ -232,7 +232,7 @@ class RamBend(AxisFault):
 
     angle: float
 
-    def err(self, errors: Reals, axis: Axis, column: int, poses: Poses) -> Reals:
+    def err(self, errors: Reals, axis: Axis, column: int, poses: MachineStates) -> Reals:
         """Pitch of the ram with the lever of the head."""
         if axis.letter != "A":
             return errors

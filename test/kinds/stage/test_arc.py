@@ -18,7 +18,7 @@ from rotary_error_monitor.gap.verdict import Verdict
 from rotary_error_monitor.kinds.stage.another import BURIED, FALSE, stage_statements
 from rotary_error_monitor.kinds.stage.arc import Arc
 from rotary_error_monitor.kinds.stage.problem import StageProblem
-from rotary_error_monitor.plant.motion import Motion, Segment
+from rotary_error_monitor.plant.motion import Motion, MotionSegment
 from rotary_error_monitor.twin.recording import record_stage
 
 EFFECTS = load_effects(StageEffect)
@@ -33,8 +33,8 @@ def swings(seed, duration):
     """To and fro within half a turn or so, a stop at either end."""
     draw = np.random.default_rng([seed, 6])
     count = round(duration / 4)
-    rows = [Segment((duration - 3) / count, (-1) ** i * float(draw.uniform(0.3, 0.75))) for i in range(count)]
-    return Motion((Segment(1.5, 0.0), *rows, Segment(1.5, 0.0)))
+    rows = [MotionSegment((duration - 3) / count, (-1) ** i * float(draw.uniform(0.3, 0.75))) for i in range(count)]
+    return Motion((MotionSegment(1.5, 0.0), *rows, MotionSegment(1.5, 0.0)))
 
 
 @pytest.fixture
@@ -61,7 +61,7 @@ def test_on_an_arc_no_statement_of_the_right_twin_is_false():
     for seed in seeds(40):
         draw = np.random.default_rng([11, seed])
         arc, speed = draw.uniform(1.5, 8.0), draw.uniform(0.3, 3.0)
-        to_and_fro = Motion((Segment(arc / speed, speed), Segment(arc / speed, -speed)))
+        to_and_fro = Motion((MotionSegment(arc / speed, speed), MotionSegment(arc / speed, -speed)))
         case = make_stage_case(seed, "null", rough=True, duration=20.0, motion=to_and_fro)
         recording = record_stage({name: list(blocks) for name, blocks in case.blocks.items()}, "abcd")
         problem = StageProblem(case.twin, recording, EFFECTS)

@@ -9,7 +9,7 @@ from draws import seeds
 from rotary_error_monitor.blind_check.cases import WITHOUT_TURNS
 from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.verdict import Verdict
-from rotary_error_monitor.plant.motion import Motion, Segment, motion_in_use
+from rotary_error_monitor.plant.motion import Motion, MotionSegment, motion_in_use
 
 SEEDS = seeds(12, 40)
 DURATION = 20.0
@@ -55,7 +55,7 @@ def test_delays_that_look_alike_on_an_arc_are_told_as_a_group(stage_problem, nam
 
 @pytest.mark.parametrize("speed", [0.0, 0.0003, 0.02])
 def test_a_drift_is_found_at_rest_and_on_an_arc_which_is_said(stage_problem, speed):
-    motion = Motion((Segment(60.0, speed),))
+    motion = Motion((MotionSegment(60.0, speed),))
     problem, _ = stage_problem(3, "single", ["autocollimator_drift"], motion=motion)
     found = diagnose(problem)
     assert found.verdict is Verdict.EXPLAINED
@@ -65,7 +65,7 @@ def test_a_drift_is_found_at_rest_and_on_an_arc_which_is_said(stage_problem, spe
 
 
 def test_samples_between_which_the_speed_jumps_are_left_out(stage_problem):
-    motion = Motion((Segment(5.0, 1.0), Segment(5.0, 1.1), Segment(5.0, 1.25)))
+    motion = Motion((MotionSegment(5.0, 1.0), MotionSegment(5.0, 1.1), MotionSegment(5.0, 1.25)))
     rows, lost = [], []
     for seed in range(6):
         problem, _ = stage_problem(seed, "null", duration=15.0, motion=motion)
@@ -76,7 +76,7 @@ def test_samples_between_which_the_speed_jumps_are_left_out(stage_problem):
 
 
 def test_many_samples_that_are_left_out_are_counted(stage_problem):
-    motion = Motion(tuple(Segment(0.1, 1.0 + 0.1 * (k % 2)) for k in range(2)))
+    motion = Motion(tuple(MotionSegment(0.1, 1.0 + 0.1 * (k % 2)) for k in range(2)))
     problem, _ = stage_problem(3, "null", duration=15.0, motion=motion)
     lost = int(problem.noise.uncommanded.sum())
     assert any(f"command: {lost} samples of the heads are not held against it" in r for r in diagnose(problem).remarks)

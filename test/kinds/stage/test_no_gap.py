@@ -15,7 +15,7 @@ from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.sentences import verdict_sentence
 from rotary_error_monitor.gap.verdict import Verdict
 from rotary_error_monitor.kinds.stage.problem import StageProblem
-from rotary_error_monitor.plant.motion import Motion, Segment
+from rotary_error_monitor.plant.motion import Motion, MotionSegment
 from rotary_error_monitor.twin.recording import SignalStream
 
 EFFECTS = load_effects(StageEffect)
@@ -133,7 +133,7 @@ def at_a_line(stage_problem, seed, orders, rough=False):
     """A stage without a fault that turns so fast that a line of its rotor's jitter has the frequency of an order."""
     lines = [frequency for frequency, _ in make_stage_case(seed, "null", duration=12.0).plant.jitter_lines]
     speed = next(f / order for f in lines for order in orders if 0.4 < f / order < 6.0)
-    motion = Motion((Segment(1000.0, (-1) ** seed * speed),))
+    motion = Motion((MotionSegment(1000.0, (-1) ** seed * speed),))
     return diagnose(stage_problem(seed, "null", rough=rough, motion=motion)[0])
 
 

@@ -13,7 +13,7 @@ from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.gap.fitting import fit_causes
 from rotary_error_monitor.kinds.stage.problem import StageProblem
 from rotary_error_monitor.plant.noise import Noise
-from rotary_error_monitor.plant.noise_forms import Wander
+from rotary_error_monitor.plant.noise_forms import WanderingNoise
 
 EFFECTS = load_effects(StageEffect)
 SEEDS = range(4, 12)
@@ -55,7 +55,9 @@ def slow_noise_told_where_two_wander(problem, seed, *, alike):
     streams = dict(problem.recording.streams)
     for name in ("autocollimator", "lvdt"):
         stream, values = streams[name], streams[name].values.copy()
-        course = Wander(0.3, 2.0).shaped(np.zeros((len(values), 1)), Noise(seed, "one" if alike else name), stream.time)
+        course = WanderingNoise(0.3, 2.0).shaped(
+            np.zeros((len(values), 1)), Noise(seed, "one" if alike else name), stream.time
+        )
         values[:, :1] += problem.noise.std[name] * course
         streams[name] = dataclasses.replace(stream, values=values)
     wandering = StageProblem(problem.stage, dataclasses.replace(problem.recording, streams=streams), EFFECTS)

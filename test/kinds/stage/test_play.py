@@ -18,7 +18,7 @@ from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.verdict import Verdict
 from rotary_error_monitor.kinds.stage.play import RELEASES, TRAVELS, Play
 from rotary_error_monitor.kinds.stage.problem import StageProblem
-from rotary_error_monitor.plant.motion import Motion, Segment
+from rotary_error_monitor.plant.motion import Motion, MotionSegment
 from rotary_error_monitor.twin.recording import record_stage
 from rotary_error_monitor.twin.stage import StageInputs
 
@@ -107,12 +107,12 @@ def test_delays_that_depart_are_as_likely_as_one_another():
 def indexing(seed: int, duration: float) -> Motion:
     """Moves of 5 to 30 degrees, each followed by a longer stop, to and fro along a part of the turn."""
     draw = np.random.default_rng([seed, 12])
-    rows: list[Segment] = [Segment(1.0, 0.0)]
+    rows: list[MotionSegment] = [MotionSegment(1.0, 0.0)]
     while sum(row.duration for row in rows) < duration:
         way = float(draw.choice([-1.0, 1.0]))
         for _ in range(int(draw.integers(2, 5))):
-            rows += [Segment(float(draw.uniform(0.15, 0.4)), way * float(draw.uniform(0.5, 1.5)))]
-            rows += [Segment(float(draw.uniform(0.4, 1.2)), 0.0)]
+            rows += [MotionSegment(float(draw.uniform(0.15, 0.4)), way * float(draw.uniform(0.5, 1.5)))]
+            rows += [MotionSegment(float(draw.uniform(0.4, 1.2)), 0.0)]
     return Motion(tuple(rows))
 
 
@@ -121,7 +121,7 @@ def swinging(seed: int, duration: float) -> Motion:
     draw = np.random.default_rng([seed, 13])
     speed, count = float(draw.uniform(1.0, 4.0)), int(draw.integers(12, 25))
     lengths = draw.uniform(0.6, 1.4, count) * duration / count
-    return Motion(tuple(Segment(float(t), (-1) ** i * speed) for i, t in enumerate(lengths)), 20.0)
+    return Motion(tuple(MotionSegment(float(t), (-1) ** i * speed) for i, t in enumerate(lengths)), 20.0)
 
 
 def last_side(motion: Motion, time: Array) -> Array:

@@ -16,7 +16,7 @@ from rotary_error_monitor.gap.verdict import Verdict
 from rotary_error_monitor.kinds.stage.noise_learning import _orbits
 from rotary_error_monitor.kinds.stage.problem import StageProblem
 from rotary_error_monitor.plant.noise import Noise
-from rotary_error_monitor.plant.noise_forms import Wander
+from rotary_error_monitor.plant.noise_forms import WanderingNoise
 from rotary_error_monitor.twin.recording import record_stage
 
 EFFECTS = load_effects(StageEffect)
@@ -74,7 +74,7 @@ def test_the_size_of_slow_noise_is_told(stage_problem):
         stream = problem.recording.streams["autocollimator"]
         std = problem.noise.std["autocollimator"]
         normal = np.zeros(stream.values.shape)
-        slow = std * Wander(0.15, 2.0).shaped(normal, Noise(seed, "added"), stream.time)
+        slow = std * WanderingNoise(0.15, 2.0).shaped(normal, Noise(seed, "added"), stream.time)
         streams = {**problem.recording.streams}
         streams["autocollimator"] = dataclasses.replace(stream, values=stream.values + slow)
         wandering = StageProblem(problem.stage, dataclasses.replace(problem.recording, streams=streams), EFFECTS)

@@ -17,7 +17,7 @@ from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.sentences import verdict_sentence
 from rotary_error_monitor.gap.verdict import Verdict
 from rotary_error_monitor.kinds.stage.problem import StageProblem
-from rotary_error_monitor.plant.motion import Motion, Segment
+from rotary_error_monitor.plant.motion import Motion, MotionSegment
 from rotary_error_monitor.report.diagnosis import page
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 from rotary_error_monitor.twin.recording import record_stage
@@ -153,7 +153,9 @@ def test_what_each_head_has_of_its_own_is_not_taken_for_the_rotation(stage_probl
         assert sum(share.share for share in diagnosis.where) == pytest.approx(1.0)
 
 
-THERE_AND_BACK = Motion(tuple(Segment(*each) for each in ((1.0, 0.0), (5.0, 1.0), (4.5, 4.0), (8.5, -4.0), (1.0, 0.0))))
+THERE_AND_BACK = Motion(
+    tuple(MotionSegment(*each) for each in ((1.0, 0.0), (5.0, 1.0), (4.5, 4.0), (8.5, -4.0), (1.0, 0.0)))
+)
 """One reversal, at 10.6 s, between two stretches of rest."""
 
 

@@ -9,7 +9,7 @@ from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.orders import trials_of_waves
-from rotary_error_monitor.plant.motion import Motion, Segment
+from rotary_error_monitor.plant.motion import Motion, MotionSegment
 
 EFFECTS = load_effects(StageEffect)
 
@@ -33,7 +33,7 @@ def test_a_search_over_all_orders_has_the_rate_that_is_told(rate):
 @pytest.mark.parametrize("seed", [3, 4, 5, 6])
 def test_over_few_turns_what_creeps_at_an_order_is_not_told_as_asynchronous(seed, stage_problem):
     """An eccentricity that departs from its textbook form, over one turn and a half."""
-    motion = Motion((Segment(20.0, 0.45), Segment(20.0, -0.45)))
+    motion = Motion((MotionSegment(20.0, 0.45), MotionSegment(20.0, -0.45)))
     problem, _ = stage_problem(seed, "variant", ["disc_eccentricity"], snr=(200.0, 400.0), duration=20.0, motion=motion)
     diagnosis = diagnose(problem)
     alike = {key for group in diagnosis.indistinguishable for key in group.effects}
