@@ -138,7 +138,7 @@ def install(tmp_path, monkeypatch):
 
 
 KINDS_FOUND = (
-    sensor_section.sensor_kinds,
+    sensor_section.listed_kinds,
     library._kinds,
     library.sensor_kinds,
     library.input_kinds,

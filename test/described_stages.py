@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 
 from rotary_error_monitor.description.stage import StageDescription, load_stage
-from rotary_error_monitor.description.topics import stream_of
+from rotary_error_monitor.description.topics import stream_of_topic
 from rotary_error_monitor.signals.blocks import SampleBlock
 
 
@@ -24,4 +24,4 @@ def stage_of(content: Mapping[str, Any]) -> StageDescription:
 
 def by_stream(blocks: Mapping[str, Sequence[SampleBlock]]) -> dict[str, Sequence[SampleBlock]]:
     """Blocks of topics by their streams."""
-    return {stream: each for topic, each in blocks.items() if (stream := stream_of(topic)) is not None}
+    return {stream: each for topic, each in blocks.items() if (stream := stream_of_topic(topic)) is not None}

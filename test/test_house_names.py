@@ -70,3 +70,18 @@ def test_a_public_class_name_means_one_thing():
 
 def repeated(places: list[str]) -> bool:
     return len({*places}) < len(places)
+
+
+def types(path: Path) -> set[str]:
+    """Names that a file gives to types such as `NDArray[np.float64]`."""
+    nodes = [
+        node for node in tree_of(path).body if isinstance(node, ast.Assign) and isinstance(node.value, ast.Subscript)
+    ]
+    return {target.id for node in nodes for target in node.targets if isinstance(target, ast.Name)}
+
+
+def test_types_of_arrays_stand_in_one_file():
+    arrays = PACKAGE / "arrays.py"
+    shared = types(arrays)
+    assert {"Array", "Times"} <= shared
+    assert {str(path): again for _, path in modules() if path != arrays and (again := types(path) & shared)} == {}

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.calibration.grinding import FlatnessPrediction, ground_by_phase
 from rotary_error_monitor.calibration.machine_poses import SAME_POSITION
 from rotary_error_monitor.calibration.measurements import LENGTH, LINEAR_ERROR
@@ -21,7 +21,6 @@ from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.ground_range import compensated_bounds, level_factor, uncompensated_bounds
 from rotary_error_monitor.metrology.splicing import SplicedProfile
 
-Array = NDArray[np.float64]
 Bounds = tuple[float, float]
 
 SMALL = 1e-9

@@ -10,10 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 
-Array = NDArray[np.float64]
+from rotary_error_monitor.arrays import Array
 
 STRAIGHT = 3
 """Columns before the orders: constant, rotation, speed."""

@@ -7,14 +7,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array, Times
 from rotary_error_monitor.metrology.reading_steps import rounding_variance
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.signals.coverage import MessageSpans
-
-Array = NDArray[np.float64]
-Times = NDArray[np.int64]
 
 WINDOW = 6
 """Samples through which a parabola is laid: what is left is noise, for at the slowest rates of heads, some 200 Hz, a

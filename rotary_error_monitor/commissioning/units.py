@@ -9,9 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.units import ANGLE_UNITS
-
-Array = NDArray[np.float64]
 
 CLOSE = 0.02
 """Part by which a ratio of speeds may differ from that of two units: units differ by a tenth at least, and two streams

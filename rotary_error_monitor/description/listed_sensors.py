@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from rotary_error_monitor.description.expected import entries
 from rotary_error_monitor.description.harmonics import AngularHarmonic, PlanarHarmonic
 from rotary_error_monitor.description.sections import extended, stated
-from rotary_error_monitor.description.sensor_section import ENTRY_POINTS, SensorSection, sensor_kinds
+from rotary_error_monitor.description.sensor_section import ENTRY_POINTS, SensorSection, listed_kinds
 from rotary_error_monitor.errors import InputError
 
 EXTERNAL_SENSORS = "external_sensors"
@@ -61,12 +61,12 @@ class ListedSensor:
     @property
     def is_slow(self) -> bool:
         """Whether it samples about once a second."""
-        return self.kind in sensor_kinds() and sensor_kinds()[self.kind].is_slow
+        return self.kind in listed_kinds() and listed_kinds()[self.kind].is_slow
 
     @property
     def measures(self) -> str:
         """What it measures of what acts on the stage, as its kind declares; empty for any other sensor."""
-        return sensor_kinds()[self.kind].measures if self.kind in sensor_kinds() else ""
+        return listed_kinds()[self.kind].measures if self.kind in listed_kinds() else ""
 
     @property
     def zeros(self) -> tuple[float, ...]:
@@ -95,7 +95,7 @@ def listed_sensors(section: Mapping[str, SensorSection]) -> dict[str, ListedSens
 
     They are in the order of these names, which is that of their bits in masks, however the file lists them.
     """
-    found = {stream_of(name, row.kind): listed_sensor(row) for name, row in section.items()}
+    found = {stream_of_sensor(name, row.kind): listed_sensor(row) for name, row in section.items()}
     return {stream: found[stream] for stream in sorted(found)}
 
 
@@ -103,13 +103,13 @@ def sensors_section(sensors: Mapping[str, ListedSensor], latency: Mapping[str, f
     """The section of a file: the inverse of `listed_sensors`, with the latency of each stream."""
     return {
         name_of(stream, sensor): extended(
-            sensor_kinds()[sensor.kind], sensor, **sensor.place, latency=latency[stream] or None
+            listed_kinds()[sensor.kind], sensor, **sensor.place, latency=latency[stream] or None
         )
         for stream, sensor in sensors.items()
     }
 
 
-def stream_of(name: str, kind: str) -> str:
+def stream_of_sensor(name: str, kind: str) -> str:
     """Name of the stream of a sensor, by its name in the list and its kind."""
     return f"{kind}_{name}"
 
@@ -125,18 +125,18 @@ def quantity(kind: str) -> tuple[tuple[str, ...], str]:
     Raises:
         InputError: there is no such kind.
     """
-    found = sensor_kinds().get(kind)
+    found = listed_kinds().get(kind)
     if found is None:
         raise InputError(
             f"no file of sensor_kinds/ and no entry point of '{ENTRY_POINTS}' is of sensor kind '{kind}'; "
-            f"there are {', '.join(sensor_kinds())}"
+            f"there are {', '.join(listed_kinds())}"
         )
     return found.sample_fields(), found.unit
 
 
 def kind_of_stream(stream: str) -> str | None:
     """Kind of the listed sensor whose stream is called so; None of any other stream."""
-    return max((kind for kind in sensor_kinds() if stream.startswith(f"{kind}_")), key=len, default=None)
+    return max((kind for kind in listed_kinds() if stream.startswith(f"{kind}_")), key=len, default=None)
 
 
 def short_names(fields: Sequence[str]) -> tuple[str, ...]:
@@ -146,12 +146,12 @@ def short_names(fields: Sequence[str]) -> tuple[str, ...]:
 
 def is_input(kind: str) -> bool:
     """Whether sensors of a kind are inputs."""
-    return kind in sensor_kinds() and sensor_kinds()[kind].is_input
+    return kind in listed_kinds() and listed_kinds()[kind].is_input
 
 
 def pose_streams(streams: Iterable[str]) -> tuple[str, ...]:
     """Those of the streams of listed sensors that are no inputs."""
-    inputs = tuple(f"{kind}_" for kind in sensor_kinds() if is_input(kind))
+    inputs = tuple(f"{kind}_" for kind in listed_kinds() if is_input(kind))
     return tuple(stream for stream in streams if not stream.startswith(inputs))
 
 

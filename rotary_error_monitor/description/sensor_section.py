@@ -66,7 +66,7 @@ def check_unit(row: Mapping[str, Any]) -> None:
         WrongError: it is another one.
     """
     kind, unit = row["kind"], row.get("unit")
-    known = _OWN_UNITS.get(kind) or sensor_kinds()[kind].unit
+    known = _OWN_UNITS.get(kind) or listed_kinds()[kind].unit
     if "unit" in row and unit != known:
         driver = "where a driver tells another one, the parameters of its node say so"
         raise WrongError(("unit",), f"{unit!r} is no unit of kind {kind}", f"{known}; {driver}", unit)
@@ -132,12 +132,12 @@ class SensorSection(Section):
     @classmethod
     def variant(cls, content: Mapping[str, Any]) -> type[Any]:
         """The kind that the content says: without it nothing else of a sensor can be judged."""
-        known, found = ", ".join((*OWN_KINDS, *sensor_kinds())), content.get("kind")
+        known, found = ", ".join((*OWN_KINDS, *listed_kinds())), content.get("kind")
         if found is None:
             raise WrongError((), "'kind' is a required property", f"one of {known}")
-        if not isinstance(found, str) or found not in sensor_kinds():
+        if not isinstance(found, str) or found not in listed_kinds():
             raise WrongError(("kind",), f"{found!r} is no kind of sensor", f"one of {known}", found)
-        return sensor_kinds()[found]
+        return listed_kinds()[found]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -160,7 +160,7 @@ class ProbeSection(SensorSection):
 
 
 @cache
-def sensor_kinds() -> Mapping[str, type[SensorSection]]:
+def listed_kinds() -> Mapping[str, type[SensorSection]]:
     """The kinds of listed sensors by name: one class in one file of `sensor_kinds/` each, then those of other packages.
 
     Raises:

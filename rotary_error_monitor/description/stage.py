@@ -12,7 +12,7 @@ from rotary_error_monitor.description.listed_sensors import (
     listed_sensors,
     name_of,
     sensors_section,
-    stream_of,
+    stream_of_sensor,
 )
 from rotary_error_monitor.description.periodic_tables import PeriodicTable
 from rotary_error_monitor.description.quantities import REFERENCE_TEMPERATURE
@@ -238,7 +238,7 @@ def _responses(section: StageSection) -> dict[str, Response]:
     found |= {name: each.response for name, each in two_axes.items() if each is not None}
     found["command"] = section.command.response
     for name, sensor in section.sensors.items():
-        found[stream_of(name, sensor.kind)] = Response(latency=sensor.latency or 0.0)
+        found[stream_of_sensor(name, sensor.kind)] = Response(latency=sensor.latency or 0.0)
     return {stream: response for stream, response in found.items() if not response.is_ideal}
 
 

@@ -35,7 +35,7 @@ from rotary_error_monitor.description.sensor_section import (
     SHAFT_FORCE,
     SensorSection,
     check_unit,
-    sensor_kinds,
+    listed_kinds,
 )
 from rotary_error_monitor.description.spindle_section import Spindle
 from rotary_error_monitor.description.stage_limits import StageLimits
@@ -203,7 +203,7 @@ def own_places(listed: object) -> dict[Place, Place]:
             continue
         place = (*OWN_KINDS[kind], name) if kind == READ_HEAD else OWN_KINDS[kind]
         if place in found:
-            further = [name for name, each in sensor_kinds().items() if each.further == kind]
+            further = [name for name, each in listed_kinds().items() if each.further == kind]
             more = f"a further one is of kind {' or '.join(further)}" if further else "a stage has one at most"
             raise WrongError(("sensors", name), f"'{found[place][1]}' is of kind {kind} already; {more}")
         found[place] = ("sensors", name)

@@ -73,7 +73,7 @@ def _samples(stream: str) -> tuple[Topic, str, str]:
     raise InputError(f"the wire contract has no samples of '{stream}'; it has those of {', '.join(sorted(topics))}")
 
 
-def stream_of(name: str) -> str | None:
+def stream_of_topic(name: str) -> str | None:
     """Stream whose sample blocks a topic carries, such as `head_a`; None where it carries none.
 
     What is reckoned from others, and so has no instrument with a frame, is called as in the contract: `error_motion`.

@@ -29,11 +29,9 @@ from itertools import repeat
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Complex
 from rotary_error_monitor.description.harmonics import PlanarHarmonic
-
-Array = NDArray[np.complex128]
 
 BINS = 16
 """Angles told apart in a turn: error motion of order 5, the highest of usual size, changes from one to the next."""
@@ -128,10 +126,10 @@ class MistakenReading(NamedTuple):
         mirrored: factor of its conjugate; one of both is zero. Of several mistakes they are arrays (k, 1).
     """
 
-    turned: complex | Array = 0.0
-    mirrored: complex | Array = 0.0
+    turned: complex | Complex = 0.0
+    mirrored: complex | Complex = 0.0
 
-    def __call__(self, vectors: Array) -> Array:
+    def __call__(self, vectors: Complex) -> Complex:
         """What is shown in the place of vectors (n,), or by several mistakes, (k, n)."""
         return np.asarray(self.turned * vectors + self.mirrored * np.conj(vectors))
 
@@ -301,7 +299,7 @@ class FigureCheck:
                 best, highest = Mistake(name, math.sqrt(total / angles), explained, shown), odds
         return None if best is None or best.left < FINDING * math.sqrt((least + off) / angles) else best
 
-    def _explain_nothing(self, seen: Array, described: Array, total: float) -> bool:
+    def _explain_nothing(self, seen: Complex, described: Complex, total: float) -> bool:
         """Whether no mistake has any probability beside a description that leaves a `total` sum of squares, for sure.
 
         What a mistake leaves, |s - t d - m d*|², follows from four sums over the angles for all of them at once.
@@ -312,7 +310,7 @@ class FigureCheck:
         most = max(total * math.exp((1.0 - IMPOSSIBLE) / len(seen)), ROUNDING * (size + square))
         return all(each > most for each in left)
 
-    def _wrong_readings(self, seen: Array, described: Array) -> list[_Rival]:
+    def _wrong_readings(self, seen: Complex, described: Complex) -> list[_Rival]:
         """What each mistake would show."""
         angles = len(seen)
         shown = self._reading(described)
@@ -322,7 +320,7 @@ class FigureCheck:
             for k, name in enumerate(self._mistakes)
         ]
 
-    def _fitted(self, seen: Array, described: Array, turning: Array, vector: complex) -> list[_Rival]:
+    def _fitted(self, seen: Complex, described: Complex, turning: Complex, vector: complex) -> list[_Rival]:
         """What was fitted: the vector that turns with the rotor, `turning` as it does, a scale and a turn."""
         angles, found = len(seen), list[_Rival]()
         if angles < FEWEST:
@@ -355,16 +353,16 @@ def _degrees(value: complex) -> float:
     return math.degrees(math.atan2(value.imag, value.real))
 
 
-def _square(values: Array) -> float:
+def _square(values: Complex) -> float:
     return float(np.add.reduce((values * values.conj()).real))
 
 
-def _squares(rows: Array) -> list[float]:
+def _squares(rows: Complex) -> list[float]:
     """The same of each row."""
     return list((rows * rows.conj()).real.sum(axis=1).tolist())
 
 
-def _size(values: Array) -> float:
+def _size(values: Complex) -> float:
     """Root mean square."""
     return math.sqrt(_square(values) / len(values))
 

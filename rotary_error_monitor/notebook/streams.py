@@ -13,7 +13,7 @@ from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.codec.contents import Content, JointState, PointStamped, Temperature
 from rotary_error_monitor.commissioning.streams import RawStream, join_blocks
-from rotary_error_monitor.description.topics import place_of, stream_of
+from rotary_error_monitor.description.topics import place_of, stream_of_topic
 from rotary_error_monitor.description.wire import Topic
 from rotary_error_monitor.errors import InputError, one_line
 from rotary_error_monitor.notebook.read_only import sealed
@@ -122,7 +122,7 @@ def _name_of(name: str) -> str | None:
     place = place_of(name)
     if place is None or place.namespace:
         return None
-    return place.topic.key if place.topic.key in OF_MACHINE else stream_of(name)
+    return place.topic.key if place.topic.key in OF_MACHINE else stream_of_topic(name)
 
 
 def _stream(name: str, topic: str, contents: Sequence[Content]) -> RecordedStream:

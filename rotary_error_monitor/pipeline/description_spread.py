@@ -5,13 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage_limits import StageLimits
 from rotary_error_monitor.machine.error_model import described_components, stated_deviations
 from rotary_error_monitor.machine.kinematics import MachineModel
-
-Array = NDArray[np.float64]
 
 MEMORY = 60.0
 """Time over which differences are averaged, s: some turns of a slow axis."""

@@ -11,7 +11,8 @@ from typing import Any, Generic, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from rotary_error_monitor.arrays import Array
+
 Number = TypeVar("Number", float, list[float])
 """Of one window a number, of several a list of one for each."""
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.machine_parts import Axis
 from rotary_error_monitor.units import TURN
 
@@ -53,7 +54,6 @@ PLAIN = 3.0
 BORNE_OUT_NS = 100_000_000
 """Time, ns, for which an axis goes as its velocities say before that bears it out: another one may for a moment."""
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.listed_sensors import name_of
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.metrology.error_motion import (
@@ -23,8 +24,6 @@ from rotary_error_monitor.pipeline.evidence import INDEX, SIGMAS
 from rotary_error_monitor.pipeline.verdict import DOUBTS
 from rotary_error_monitor.sensors.library import listed_fields, listed_sensitivity
 from rotary_error_monitor.signals.resampling import FEWEST_TO_FIT, GUARD, Resampled
-
-Array = NDArray[np.float64]
 
 UNVERIFIED = 1 << DOUBTS.index("unverified")
 LIMIT = 2.0

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.streams import AUTOCOLLIMATOR
 from rotary_error_monitor.metrology.agreement import chi_square_bound
@@ -20,8 +21,6 @@ from rotary_error_monitor.pipeline.head_belief import WEAK
 from rotary_error_monitor.pipeline.listed_belief import SensorBelief, SensorWindow
 from rotary_error_monitor.pipeline.listed_readings import ListedReadings, ListedTicks
 from rotary_error_monitor.signals.resampling import Resampled
-
-Array = NDArray[np.float64]
 
 
 class ListedSensors:

@@ -8,8 +8,8 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.description.stage_limits import StageLimits
 from rotary_error_monitor.machine.error_model import described_components, predict_tool_offset, propagate_covariance
@@ -17,9 +17,6 @@ from rotary_error_monitor.machine.kinematics import MachineModel, arrange_machin
 from rotary_error_monitor.machine.uncertainty import shifts_at_a_pose
 from rotary_error_monitor.pipeline.description_spread import DescriptionSpread
 from rotary_error_monitor.pipeline.poses import TimedPoses
-
-Array = NDArray[np.float64]
-
 
 _STATED_PERIOD_NS = 1_000_000_000
 """Time, ns, for which what the description states counts for all poses: each number in it takes a pass over the

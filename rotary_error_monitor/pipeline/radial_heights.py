@@ -7,12 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.topics import columns_named
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.error_motion import ErrorMotion, radial_covariance_at, radial_error_motion_at
 from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
-
-Array = NDArray[np.float64]
 
 HIGHEST = 10.0
 """Height above the ring, m, that no stage is larger than."""

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array, Times
 from rotary_error_monitor.description.harmonics import AngularHarmonic
 from rotary_error_monitor.description.listed_sensors import ListedSensor, name_of
 from rotary_error_monitor.description.stage import StageDescription
@@ -15,9 +15,6 @@ from rotary_error_monitor.description.streams import LVDT
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.harmonics import angular_sum
 from rotary_error_monitor.sensors.library import listed_kind
-
-Array = NDArray[np.float64]
-Times = NDArray[np.int64]
 
 ECCENTRIC = 1
 """Order of a target's form that is its eccentricity: a shift of a circle (e_x, e_y) is e_x cos(psi) + e_y sin(psi)."""

@@ -9,6 +9,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
+
 CHANCE = 1e-9
 """Probability by which chance makes a slope that counts as seen, by Student's t: of few windows a rotor that hardly
 changes its speed shows any slope."""
@@ -26,7 +28,6 @@ FEWEST = 3
 SURELY = 0.9
 """Part of the largest slope by chance below which there is none for sure, whatever digits are lost."""
 
-Array = NDArray[np.float64]
 
 _TINY = float(np.finfo(np.float64).tiny)
 """Stands for a sum of squares of zero."""

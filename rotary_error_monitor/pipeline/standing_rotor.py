@@ -7,8 +7,8 @@ from collections import deque
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.streams import AUTOCOLLIMATOR
 from rotary_error_monitor.metrology.agreement import LEAST_RATIO, ODDS
@@ -16,8 +16,6 @@ from rotary_error_monitor.metrology.error_motion import COMPONENTS, described_er
 from rotary_error_monitor.pipeline.evidence import LONG, SHORT
 from rotary_error_monitor.sensors.library import listed_fields, listed_kind, listed_sensitivity
 from rotary_error_monitor.signals.resampling import Resampled
-
-Array = NDArray[np.float64]
 
 LAGS = (1, SHORT)
 """Windows over which changes are looked at: a fast rotor shows over one, of a slow one that would be noise."""

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.machine import MachineDescription
 
 STILL = 1e-9
 """Motion (m or rad) that counts as none."""
-
-Array = NDArray[np.float64]
 
 
 class TravelDirections:

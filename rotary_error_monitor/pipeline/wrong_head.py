@@ -7,8 +7,8 @@ from collections.abc import Iterable
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage_limits import StageLimits
 from rotary_error_monitor.metrology.agreement import Isolation, isolate_head, isolate_implausible
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
@@ -17,7 +17,6 @@ from rotary_error_monitor.pipeline.evidence import LONG, PERSISTENT, SHORT
 RECENT = 30
 """Changes of each kind that are looked at: more of them would be noise from before the fault."""
 
-Array = NDArray[np.float64]
 
 Shown: TypeAlias = tuple[tuple[float, float, float, float], list[float]]
 """What heads show in a window: rotation and distance from the command, rad, two components of the radial error motion,

@@ -9,6 +9,7 @@ from pathlib import Path
 from rotary_error_monitor.analysis.comparison import DESCRIBED, Stand, stands_at, stands_of_lvdt
 from rotary_error_monitor.analysis.verification import compare_reference
 from rotary_error_monitor.analysis.verification_result import Verification, as_mapping, figures_of
+from rotary_error_monitor.arrays import Array, Times
 from rotary_error_monitor.bags.naming import THE_ONLY_CELL, Naming
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.description.stage import StageDescription, load_stage
@@ -18,9 +19,7 @@ from rotary_error_monitor.errors import InputError, told_of
 from rotary_error_monitor.files import check_outputs, check_places, write_all
 from rotary_error_monitor.pipeline.estimator_settings import EstimatorSettings
 from rotary_error_monitor.pipeline.reference_readings import (
-    Array,
     Reference,
-    Times,
     reference_names,
     reference_of,
     without_references,

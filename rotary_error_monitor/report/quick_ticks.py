@@ -13,9 +13,8 @@ from matplotlib.backend_bases import RendererBase
 from matplotlib.figure import Figure
 from matplotlib.projections.polar import PolarAxes
 from matplotlib.ticker import NullLocator
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from rotary_error_monitor.arrays import Array
 
 _ROUNDING = 1e-10
 """Part of an axis by which a tick may lie beyond its end, as in the drawing library."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
-from rotary_error_monitor.description.listed_sensors import EXTERNAL_SENSORS, stream_of
+from rotary_error_monitor.description.listed_sensors import EXTERNAL_SENSORS, stream_of_sensor
 from rotary_error_monitor.description.sections import place_named
 from rotary_error_monitor.description.sensor_section import OWN_KINDS, READ_HEAD
 from rotary_error_monitor.description.stage import StageDescription, load_stage
@@ -172,7 +172,7 @@ def _stream(name: str, kind: str) -> str:
     """Stream of a sensor of the list; those with a section of their own are called as if they stood there."""
     if kind == READ_HEAD:
         return f"head_{name}"
-    return kind if kind in OWN_KINDS else stream_of(name, kind)
+    return kind if kind in OWN_KINDS else stream_of_sensor(name, kind)
 
 
 def _check_external(

@@ -17,11 +17,11 @@ from rotary_error_monitor.description.machine_section import (
     TreeSection,
 )
 from rotary_error_monitor.description.periodic_tables import FEWEST, PeriodicTable
-from rotary_error_monitor.description.sensor_section import SensorSection, sensor_kinds
+from rotary_error_monitor.description.sensor_section import SensorSection, listed_kinds
 from rotary_error_monitor.description.wire_section import SAMPLE_BLOCK, TopicSection
 
 VARIANTS = {
-    SensorSection: lambda: list(sensor_kinds().items()),
+    SensorSection: lambda: list(listed_kinds().items()),
     MachineSection: lambda: [(None, TreeSection), (None, ParameterSection)],
 }
 """Sections that are one of several, with what `kind` says of each."""

@@ -12,7 +12,7 @@ from hypothesis import given
 from rotary_error_monitor.description.expected import Expected, Key, Stated, entries, expectations, parts, text_of
 from rotary_error_monitor.description.machine_section import ParameterSection, TreeSection
 from rotary_error_monitor.description.sections import Section, extended, from_content, narrowed, read, stated, write
-from rotary_error_monitor.description.sensor_section import sensor_kinds
+from rotary_error_monitor.description.sensor_section import listed_kinds
 from rotary_error_monitor.description.stage_section import StageSection
 from rotary_error_monitor.description.wire_section import WireSection
 from rotary_error_monitor.description.yaml_files import parse_yaml
@@ -177,7 +177,7 @@ ROOTS = [StageSection, TreeSection, ParameterSection, WireSection, MountDescript
 def test_each_value_of_the_package_says_what_is_right():
     """A number or text that a file may state has words, and its default is one that a file might have stated."""
     seen: set[Any] = set()
-    for section in [*ROOTS, *sensor_kinds().values()]:
+    for section in [*ROOTS, *listed_kinds().values()]:
         sections_below(section, seen)
     assert len(seen) >= 30
     for section in seen:

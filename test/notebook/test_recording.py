@@ -14,7 +14,7 @@ from mock_bags import write_mock_bag
 from rotary_error_monitor import analyse, diagnose, estimate, read_bag
 from rotary_error_monitor.bags.writer import write_messages
 from rotary_error_monitor.codec.contents import Temperature
-from rotary_error_monitor.description.topics import samples_topic, stream_of, topic_named
+from rotary_error_monitor.description.topics import samples_topic, stream_of_topic, topic_named
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.notebook.simulation import EPOCH_NS, simulate_bag
 from rotary_error_monitor.resources import config
@@ -41,7 +41,7 @@ def test_streams_are_what_the_instruments_gave(recorded):
         assert stream.fields == samples.names[1:]
         assert stream.rate == pytest.approx(plant.clocks[name].rate, rel=1e-3)
         assert np.shares_memory(stream[stream.fields[0]], stream.values)
-        assert stream.topic == samples_topic(name) and stream_of(stream.topic) == name
+        assert stream.topic == samples_topic(name) and stream_of_topic(stream.topic) == name
     assert recording["command"].units == ("rad", "rad/s") and recording["temperature"].units == ("°C",)
     assert recording["command"].to_dataframe().attrs["units"] == {"angle": "rad", "velocity": "rad/s"}
     assert abs(recording.start - datetime.fromtimestamp(EPOCH_NS / 1e9, UTC)).total_seconds() < 0.01

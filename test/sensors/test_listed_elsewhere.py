@@ -8,7 +8,7 @@ from described_stages import stage_of
 from world import Options, make_recording, random_stage, samples, with_probes, with_tilt_sensor
 
 from rotary_error_monitor.description.listed_sensors import is_input
-from rotary_error_monitor.description.sensor_section import sensor_kinds
+from rotary_error_monitor.description.sensor_section import listed_kinds
 from rotary_error_monitor.plant.clocks import stage_clocks
 from rotary_error_monitor.plant.stage import StagePlant
 from rotary_error_monitor.sensors.library import sensor_of
@@ -35,7 +35,7 @@ def test_displacements_are_those_of_the_truth(seed):
     time = np.linspace(0, 30, 2000)
     scene = plant.scene(time)
     assert len(stage.sensors) == len(recording.probes) == 5
-    of_poses = {kind for kind in sensor_kinds() if not is_input(kind)}
+    of_poses = {kind for kind in listed_kinds() if not is_input(kind)}
     assert {sensor.kind for sensor in stage.sensors.values()} == of_poses, "a kind that has no world"
     for stream, sensor in stage.sensors.items():
         ns, values = samples(recording.blocks[f"/stage/{stream}/samples"])

@@ -10,7 +10,7 @@ import pytest
 
 from rotary_error_monitor.description.harmonics import PlanarHarmonic
 from rotary_error_monitor.description.listed_sensors import is_input, quantity
-from rotary_error_monitor.description.sensor_section import sensor_kinds as listed_kinds
+from rotary_error_monitor.description.sensor_section import listed_kinds
 from rotary_error_monitor.description.stage import StageDescription, load_stage
 from rotary_error_monitor.description.two_axis_section import Turbulence
 from rotary_error_monitor.description.wire import load_wire
