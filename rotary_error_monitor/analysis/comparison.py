@@ -139,12 +139,12 @@ def stands_of_lvdt(
         return ()
     period = int(np.diff(stamp_ns).min())
     whole = int(stamp_ns[0]), int(stamp_ns[-1]) + 1
-    fit = _fitted(stamp_ns, motion, lvdt, times_ns, radial, period)
+    fit = _fitted(stamp_ns, motion, times_ns, radial, period)
     if fit is None:
         return (Stand(lvdt.height, DESCRIBED, (lvdt.height,), *whole),)
     known = replace(lvdt, artefact_eccentricity=(float(fit.joint[0]), float(fit.joint[1])))
     stays = list(_stays(ArrayMotion(stamp_ns, motion.theta, motion), known, ArraySamples(times_ns, radial), period))
-    if len(stays) == 1 or not _are_apart(stays, stamp_ns, motion, lvdt, times_ns, radial, period):
+    if len(stays) == 1 or not _are_apart(stays, stamp_ns, motion, times_ns, radial, period):
         is_told = fit.higher_std < MOVED / 4 and abs(fit.higher - lvdt.height) >= MOVED
         shown = (fit.higher,) if is_told else ()
         return (Stand(lvdt.height, DESCRIBED, (lvdt.height, *shown), *whole),)
@@ -190,7 +190,7 @@ def _is_in_metres(height: float, stands: Sequence[Stand]) -> bool:
 
 
 def _fitted(
-    stamp_ns: Times, motion: ErrorMotion, lvdt: Lvdt, times_ns: Times, radial: Array, period_ns: int
+    stamp_ns: Times, motion: ErrorMotion, times_ns: Times, radial: Array, period_ns: int
 ) -> ReferenceFit | None:
     """The artefact's eccentricity and the height above the ring, whatever is described; None of less than `LONG`."""
     sampled = resample(times_ns, radial, stamp_ns, period_ns, MAX_GAP_NS)
@@ -208,7 +208,6 @@ def _are_apart(
     stays: Sequence[tuple[float, int, int]],
     stamp_ns: Times,
     motion: ErrorMotion,
-    lvdt: Lvdt,
     times_ns: Times,
     radial: Array,
     period_ns: int,
@@ -221,7 +220,7 @@ def _are_apart(
     for _, begin, end in stays:
         when = np.flatnonzero((stamp_ns >= begin) & (stamp_ns < end))
         there = (times_ns >= begin) & (times_ns < end)
-        fits.append(_fitted(stamp_ns[when], motion.at(when), lvdt, times_ns[there], radial[there], period_ns))
+        fits.append(_fitted(stamp_ns[when], motion.at(when), times_ns[there], radial[there], period_ns))
     found = [(fit.higher, fit.higher_std) for fit in fits if fit is not None]
     return len(found) == len(stays) and all(
         abs(one - other) > max(MOVED, APART * float(np.hypot(std, other_std)))

@@ -102,7 +102,7 @@ def score_case(plan: CasePlan, truth: Mapping[str, Any], diagnosis: Mapping[str,
         shrink=float(diagnosis["gap"]["shrink"]),
         # One of a group with the truth in it is not the truth: half of those told at 50 % must be wrong.
         probabilities=tuple(zip(probabilities, (key in wanted for key in named), strict=True)),
-        ranked=tuple(_ranked(plan, diagnosis, wanted)),
+        ranked=tuple(_ranked(diagnosis, wanted)),
         within=_within(truth, diagnosis, 0.0),
         within_departure=_within(truth, diagnosis, float(truth.get("departure", {}).get("share", 0.0))),
         seconds=seconds,
@@ -160,7 +160,7 @@ def _where_right(snr: Mapping[str, float], diagnosis: Mapping[str, Any]) -> bool
     return any(first == name or first.startswith(f"{name}.") for name in moved)
 
 
-def _ranked(plan: CasePlan, diagnosis: Mapping[str, Any], wanted: Sequence[Key]) -> Iterable[tuple[float, bool]]:
+def _ranked(diagnosis: Mapping[str, Any], wanted: Sequence[Key]) -> Iterable[tuple[float, bool]]:
     for row in diagnosis.get("ranking", ()):
         if row["probability"] >= LEAST_RANKED:
             yield float(row["probability"]), (row["effect"], row.get("location") or "") in wanted

@@ -52,14 +52,12 @@ class HeadAngles:
         unit: of each; None where it is none that is known, and then its angle is scaled to fit the others.
         factor: reading of each per radian.
         relative: 1 or -1, how each counts beside the first head.
-        wraps: names of those that start again after a turn.
     """
 
     streams: Mapping[str, tuple[NDArray[np.int64], Array]]
     unit: Mapping[str, AngleUnit | None]
     factor: Mapping[str, float]
     relative: Mapping[str, int]
-    wraps: tuple[str, ...]
 
 
 def angles_of(stage: StageDescription, streams: Mapping[str, RawStream]) -> HeadAngles:
@@ -105,7 +103,7 @@ def in_radians(stage: StageDescription, streams: Mapping[str, RawStream]) -> Hea
     else:
         known = [(names.index(name), unit) for name, unit in by_wrap.items()]
         choices = [each for each in choices if all(each[1][i] == unit for i, unit in known)] or choices
-    return replace(_likeliest(stage, carried, names, ratio, choices), wraps=tuple(by_wrap))
+    return _likeliest(stage, carried, names, ratio, choices)
 
 
 def _likeliest(
@@ -143,7 +141,7 @@ def _in_units(
         times, values = carried[name]
         streams[name] = times, (np.sign(part) * values / factor[name])[:, None]
     relative = {name: int(np.sign(part)) for name, part in zip(names, ratio, strict=True)}
-    return HeadAngles(streams, dict(zip(names, others, strict=True)), factor, relative, ())
+    return HeadAngles(streams, dict(zip(names, others, strict=True)), factor, relative)
 
 
 def _repeats(stage: StageDescription, heads: Mapping[str, tuple[NDArray[np.int64], Array]]) -> float:

@@ -165,7 +165,7 @@ def run(options: LinuxcncRun) -> int:
     program = options.program or ini.with_name("five_axis.ngc")
     if not program.is_file():
         raise InputError(f"no G-code program {program}")
-    witness = execute(options, machine, ini, program)
+    witness = execute(options, ini, program)
     errors = evaluate(witness, machine, stage, options)
     rows = figures(errors, witness)
     print(f"Tool error of the true machine along {program.name}, {len(errors.stamp_ns)} points:")
@@ -174,7 +174,7 @@ def run(options: LinuxcncRun) -> int:
     return 0 if all(row.ok for row in rows) else 1
 
 
-def execute(options: LinuxcncRun, machine: MachineDescription, ini: Path, program: Path) -> Witness:
+def execute(options: LinuxcncRun, ini: Path, program: Path) -> Witness:
     """Run the program with everything that corrects it, and watch.
 
     Raises:

@@ -177,7 +177,7 @@ def calibrate_two_axes(
     chance = FALSE_ALARM / int((~flat).sum())
     limit = float(chi_square_limit(chance, 2) if freedom < FEWEST_READINGS else 2 * f_limit(chance, 2, freedom))
     outliers, used, fit = _without_outliers(steps, fit, ~flat, limit, variances, reference)
-    short = [step for step in outliers if _is_short(steps, fit, used, step)]
+    short = [step for step in outliers if _is_short(fit, used, step)]
     outliers = [step for step in outliers if step not in short]
     all_steps = fit
     if outliers:
@@ -289,7 +289,7 @@ def _end_of(fit: TwoAxisFit, used: Mask, step: int) -> tuple[int, int]:
     return axis, int(from_middle[step, axis] > 0)
 
 
-def _is_short(steps: StepReadings, fit: TwoAxisFit, used: Mask, step: int) -> bool:
+def _is_short(fit: TwoAxisFit, used: Mask, step: int) -> bool:
     """Whether a step lies beyond all that fit along an axis, and reads less of it than was shown."""
     axis, end = _end_of(fit, used, step)
     sign = 1 if end else -1
