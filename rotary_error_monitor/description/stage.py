@@ -53,6 +53,10 @@ set to within a microsecond, as by a fieldbus or PTP, and jittering by as much."
 OWN_THERMOMETER = "environment.thermometer"
 """Where the section `uncertainty` states that of the zero of the stage's own thermometer, K."""
 
+OWN_LOAD_CELL = "environment.load_cell"
+"""Where it states that of the zero of the stage's own load cell, N; with `_gain` behind it that of the force on the
+shaft, parts of it, and with `_timing` that of when it is read, s."""
+
 TIMINGS = ("encoder.timing", "command.timing")
 """Where the section `uncertainty` states it: of the heads against one another, of the command against the heads."""
 

@@ -253,7 +253,9 @@ class StageSection(Section):
             "0.01 or sensors.top.zero, beside which that of the sensor is of its form alone; of stamps in s: "
             "encoder.timing (of heads against one another) and command.timing, 2.0e-06 each unless stated, "
             "autocollimator.timing and sensors.top.timing; environment.thermometer, of its zero in K, unless stated "
-            "that of class B of IEC 60751"
+            "that of class B of IEC 60751; environment.load_cell, of its zero in N, environment.load_cell_gain and "
+            "environment.load_cell_timing, of the force on the shaft in parts of it and of its stamps in s, unless "
+            "stated up to 1 % of the rated output, and a sample"
         ),
     ] = field(default_factory=dict)
     calibration: Annotated[
@@ -313,7 +315,7 @@ PARAMETERS: Mapping[str, tuple[str, ...]] = {
     "spindle": _names(Spindle),
     "lvdt": _names(Lvdt, *RESPONSES),
     "command": ("timing",),
-    "environment": ("thermometer",),
+    "environment": ("thermometer", "load_cell", "load_cell_gain", "load_cell_timing"),
 }
 """What the section `uncertainty` may name of each section, whether a stage has that section or not.
 

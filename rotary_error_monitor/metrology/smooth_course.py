@@ -121,7 +121,7 @@ def smooth_course(readings: Array, loudest: float, step: float | None = None) ->
     freedom, least = max(len(lengths) - 2, 1), max(step**2 / 12, exact, float(np.finfo(np.float64).tiny))
     found: list[_Spline] = []
     for stiffness in np.geomspace(1e-4, min(float(count) ** 4, STIFFEST), TRIALS):
-        precision = _precision(weights, stiffness)
+        precision = course_precision(weights, stiffness)
         factor = cholesky_banded(precision, lower=True)
         course = cho_solve_banded((factor, True), weights * values)
         left = max(float(np.sum(weights * values * (values - course))), 0.0)
@@ -152,7 +152,7 @@ def _ways_by_lanczos(band: Array) -> Array:
     return np.asarray(ways / np.sqrt(precisions), np.float64)
 
 
-def _precision(weights: Array, stiffness: float) -> Array:
+def course_precision(weights: Array, stiffness: float) -> Array:
     """(3, n) diagonals of the inverse covariance, times the variance of a reading, of a course read with weights (n,).
 
     Its second differences are independent, each `1 / sqrt(stiffness)` standard deviations of a reading.

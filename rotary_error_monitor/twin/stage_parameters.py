@@ -10,7 +10,7 @@ from typing import Any
 
 from rotary_error_monitor.description.harmonics import AngularHarmonic, PlanarHarmonic
 from rotary_error_monitor.description.listed_sensors import ListedSensor, name_of, short_names
-from rotary_error_monitor.description.stage import OWN_THERMOMETER, StageDescription
+from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.two_axis_section import DISTORTIONS, RESPONSES
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.periodic_curves import doubted_orders
@@ -51,8 +51,8 @@ def uncertain_parameters(stage: StageDescription) -> tuple[UncertainParameter, .
     """
     found: list[UncertainParameter] = []
     for name, uncertainty in stage.uncertainty.items():
-        # stamps and readings of the temperature are no numbers of the twin
-        if uncertainty == 0.0 or name.endswith(".timing") or name == OWN_THERMOMETER:
+        # stamps and readings of what drives the stage are no numbers of the twin
+        if uncertainty == 0.0 or name.endswith(".timing") or name.startswith("environment."):
             continue
         found += (_of_listed if name.startswith("sensors.") else _of_section)(stage, name, uncertainty)
     found += _of_curves(stage)

@@ -13,6 +13,7 @@ from rotary_error_monitor.effects.rotor import HEAD, StageEffect
 from rotary_error_monitor.gap.normal import solve_scaled
 from rotary_error_monitor.gap.problem import Rows, SparseRows
 from rotary_error_monitor.kinds.stage.distortion import changes, thin_twin
+from rotary_error_monitor.kinds.stage.other_twin import OtherTwin
 from rotary_error_monitor.kinds.stage.rounding import Rounding
 from rotary_error_monitor.noise.whitening import side_by_side
 from rotary_error_monitor.sensors.library import instrument_of, is_listed, sensor_of
@@ -31,7 +32,7 @@ class Nuisances:
 
     Args:
         twin: the twin as stated.
-        warmings: the twin with each slow course of temperature that nobody would have noticed.
+        warmings: the twin with each force and slow course of temperature that nobody would have noticed.
         rounding: what is not known of how the instruments round.
         measured: (n, k) what each stream showed.
         whiten: white rows of signals.
@@ -41,7 +42,7 @@ class Nuisances:
     def __init__(
         self,
         twin: StageTwin,
-        warmings: Sequence[StageTwin],
+        warmings: Sequence[OtherTwin],
         rounding: Rounding,
         measured: Signals,
         whiten: Callable[[Signals], Rows],
@@ -104,7 +105,15 @@ class Nuisances:
             return True
         if instrument not in self._looks:
             self._looks[instrument] = thin_twin(self._twin, streams)
-        return max(changes(self._looks[instrument], before, causes).values()) < SAME
+        thin = self._looks[instrument]
+        if max(changes(thin, before, causes).values()) >= SAME:
+            return False
+        # A drift that is little of a signal may be much of what one degree more does to it.
+        return all(_does_the_same(thin, other.beside(thin), before, causes) for other in self._one_of_each())
+
+    def _one_of_each(self) -> list[OtherTwin]:
+        """Of the other twins one for each input that is another there, and for each axis of it."""
+        return list({other.what: other for other in self._warmings}.values())
 
     def _made(self, instrument: str, streams: Sequence[str], causes: Sequence[Cause]) -> tuple[NDArray[np.intp], Rows]:
         """The columns that act on the streams of one instrument, and their white rows."""
@@ -147,6 +156,15 @@ class Nuisances:
     def _against_noise(self, name: str, rows: Array) -> Array:
         """(n k, p) signals (n, k, p) of a stream in standard deviations of its noise."""
         return np.asarray(rows.reshape(-1, rows.shape[2]) / sensor_of(name).noise(self._twin.stage, name), np.float64)
+
+
+def _does_the_same(thin: StageTwin, other: StageTwin, before: Sequence[Cause], after: Sequence[Cause]) -> bool:
+    """Whether an input does nearly the same to each signal beside the one set of causes as beside the other."""
+    old, new = (
+        np.concatenate([moved - thin.predict(causes)[name] for name, moved in other.predict(causes).items()])
+        for causes in (before, after)
+    )
+    return float(np.linalg.norm(new - old)) <= SAME * float(np.linalg.norm(old))
 
 
 def _are_same(rows: Rows, others: Rows) -> bool:

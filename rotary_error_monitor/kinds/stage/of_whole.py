@@ -9,9 +9,11 @@ from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.gap.problem import Conditions
 from rotary_error_monitor.kinds.stage.arc import Arc
 from rotary_error_monitor.kinds.stage.conditions import stage_conditions
+from rotary_error_monitor.kinds.stage.load_cells import uncertain_load_cells
+from rotary_error_monitor.kinds.stage.other_twin import OtherTwin
 from rotary_error_monitor.kinds.stage.play import Play
 from rotary_error_monitor.kinds.stage.rounding import steps_of
-from rotary_error_monitor.kinds.stage.warming import ForceNoise, OtherTwin, uncertain_forces, uncertain_warmings
+from rotary_error_monitor.kinds.stage.warming import ForceNoise, uncertain_forces, uncertain_warmings
 from rotary_error_monitor.twin.recording import StageRecording
 from rotary_error_monitor.twin.stage import StageInputs, StageTwin
 
@@ -41,7 +43,8 @@ class OfWhole:
     @classmethod
     def of(cls, stage: StageDescription, recording: StageRecording, twin: StageTwin) -> OfWhole:
         """That of a recording and its twin."""
-        others = (*uncertain_warmings(twin, recording), *uncertain_forces(twin, recording))
+        forces = (*uncertain_forces(twin, recording), *uncertain_load_cells(twin, recording))
+        others = (*uncertain_warmings(twin, recording), *forces)
         steps, play = steps_of(stage, recording), Play(twin.inputs, recording.duration)
         noise = ForceNoise.of(twin, recording)
         return cls(twin.inputs, steps, stage_conditions(recording), play, others, noise, Arc.of(recording))

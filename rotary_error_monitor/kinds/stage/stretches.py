@@ -22,6 +22,7 @@ from rotary_error_monitor.gap.problem import Columns, Conditions, LateRows, Rows
 from rotary_error_monitor.kinds.stage.conditions import MOST_BLOCKS
 from rotary_error_monitor.kinds.stage.forces import with_shaft_force
 from rotary_error_monitor.kinds.stage.gross_inputs import without_gross_inputs
+from rotary_error_monitor.kinds.stage.jumping import with_jumps_told
 from rotary_error_monitor.kinds.stage.of_whole import OfWhole
 from rotary_error_monitor.kinds.stage.problem import StageProblem
 from rotary_error_monitor.kinds.stage.search import StageSearch, effects_in
@@ -48,6 +49,7 @@ def stage_problem(
     """The problem of a recording of any length, without what is off, stuck or useless; arguments as `StageProblem`."""
     sound = without_stuck(stage, without_gross_inputs(stage, recording))
     stage, recording = with_shaft_force(*with_useful_inputs(stage, sound))
+    recording = with_jumps_told(stage, recording)
     kind = LongStageProblem if recording.duration > LONGEST else StageProblem
     return kind(stage, recording, effects, known)
 

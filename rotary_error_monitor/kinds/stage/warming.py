@@ -6,8 +6,8 @@ that nobody states: one that cuts its readings off is wrong by half a step in th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -17,23 +17,22 @@ from rotary_error_monitor.description.listed_sensors import ListedSensor
 from rotary_error_monitor.description.sensor_section import SHAFT_FORCE
 from rotary_error_monitor.description.stage import OWN_THERMOMETER
 from rotary_error_monitor.description.streams import FORCE, TEMPERATURE
-from rotary_error_monitor.effects.rotor import RotorState, StageEffect
+from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.gap.problem import FIRST_ORDER
+from rotary_error_monitor.kinds.stage.other_twin import Course, Diluted, OtherTwin, Pushed, Warmed
 from rotary_error_monitor.metrology.forces import LoadCell, load_cell, shares
 from rotary_error_monitor.metrology.reading_noise import noise_of
 from rotary_error_monitor.metrology.reading_steps import step_of
 from rotary_error_monitor.metrology.thermometer_course import ThermometerCourse, class_b_uncertainty
 from rotary_error_monitor.metrology.unread_temperature import UNKNOWN_COURSES, UNKNOWN_WARMING, unknown_warming
 from rotary_error_monitor.twin.recording import SignalStream, StageRecording
-from rotary_error_monitor.twin.stage import NEIGHBOURS, Acting, StageInputs, StageTwin, turned_by
+from rotary_error_monitor.twin.stage import NEIGHBOURS, StageTwin
 
 GAP = 3.5
 """Samples of a thermometer that may be missing at either end, as in a stream that has lost none."""
 
 NOISY_COURSES = 8
 """Slow courses in which a smoothed thermometer errs: it passes about seven, faster ones are smoothed away."""
-
-Course = Callable[[Array], Array]
 
 
 def uncertain_warmings(twin: StageTwin, recording: StageRecording) -> tuple[OtherTwin, ...]:
@@ -46,8 +45,8 @@ def uncertain_warmings(twin: StageTwin, recording: StageRecording) -> tuple[Othe
         courses = [*_misread(read, zero), *_unread(read, recording.duration)]
     else:
         courses = []
-    whole = (OtherTwin(twin, _Warmed(course)) for course in courses)
-    places = (OtherTwin(twin, _Warmed(course, place)) for place, course in _of_places(twin, recording))
+    whole = (OtherTwin(twin, Warmed(course)) for course in courses)
+    places = (OtherTwin(twin, Warmed(course, place)) for place, course in _of_places(twin, recording))
     return (*whole, *places)
 
 
@@ -58,7 +57,7 @@ def uncertain_forces(twin: StageTwin, recording: StageRecording) -> tuple[OtherT
     a zero, or closer to 0. Of all it is a part of the force itself, see `_diluted`.
     """
     names = [name for name, sensor in twin.stage.inputs.items() if sensor.measures == SHAFT_FORCE]
-    pushed: list[_Pushed | _Diluted] = []
+    pushed: list[Pushed | Diluted] = []
     if names:
         sensors = [twin.stage.inputs[name] for name in names]
         cells = [load_cell(sensor) for sensor in sensors]
@@ -95,7 +94,7 @@ class ForceNoise:
         if FORCE not in recording.streams:
             return cls()
         read = recording.streams[FORCE]
-        pushes = (_Pushed(force, where_it_acts=True) for force in np.diag(noise_of(read.values)))
+        pushes = (Pushed(force, where_it_acts=True) for force in np.diag(noise_of(read.values)))
         return cls(tuple(OtherTwin(twin, push) for push in pushes), read.period)
 
     def squares(self, twin: StageTwin, stream: str) -> Array:
@@ -106,22 +105,22 @@ class ForceNoise:
         return np.asarray(sum(moved, np.zeros_like(base)) * max(self.period / period, 1.0), np.float64)
 
 
-def _diluted(read: SignalStream, variance: float) -> Iterator[_Diluted]:
+def _diluted(read: SignalStream, variance: float) -> Iterator[Diluted]:
     """What noise of the readings hides of a compliance: regression dilution (Fuller 1987, Equation 1.1.6).
 
     Steps count as half of them, which is the most: a reading on the edge of one jumps between two values.
     """
     part = variance / max(float(np.mean(np.square(read.values))), variance)
     if part > FIRST_ORDER:
-        yield _Diluted(part)
+        yield Diluted(part)
 
 
 def _of_listed_cell(
     name: str, sensor: ListedSensor, cell: LoadCell, share: Array, recording: StageRecording
-) -> Iterator[_Pushed]:
+) -> Iterator[Pushed]:
     directions = [share @ axis / abs(cell.gain) for axis in cell.directions]
     if sensor.uncertainty:
-        yield from (_Pushed(sensor.uncertainty * direction) for direction in directions)
+        yield from (Pushed(sensor.uncertainty * direction) for direction in directions)
     read = recording.streams[name]
     if _matters(sensor.resolution, read.values[:, : cell.axes] - np.array(sensor.zeros[: cell.axes])):
         width = float(np.hypot(sensor.noise, sensor.resolution))
@@ -129,16 +128,16 @@ def _of_listed_cell(
             yield from _cut_off(sensor.resolution * direction, _side(read, axis, width))
 
 
-def _of_own_cell(read: SignalStream, axis: int, step: float, noise: float) -> Iterator[_Pushed]:
-    """Of the load cell of a topic of its own, whose zero is right but for its rounding, and whose steps it shows."""
+def _of_own_cell(read: SignalStream, axis: int, step: float, noise: float) -> Iterator[Pushed]:
+    """How the load cell of a topic of its own rounds, whose steps it shows."""
     if _matters(step, read.values):
         yield from _cut_off(step * np.eye(2)[axis], _side(read, axis, float(np.hypot(noise, step))))
 
 
-def _cut_off(step: Array, side: Course) -> Iterator[_Pushed]:
+def _cut_off(step: Array, side: Course) -> Iterator[Pushed]:
     """Half a step (2,) less and half a step closer to 0, where a force acts."""
-    yield _Pushed(step / 2, where_it_acts=True)
-    yield _Pushed(step / 2, side, where_it_acts=True)
+    yield Pushed(step / 2, where_it_acts=True)
+    yield Pushed(step / 2, side, where_it_acts=True)
 
 
 def _matters(step: float, force: Array) -> bool:
@@ -168,10 +167,6 @@ def _of_places(twin: StageTwin, recording: StageRecording) -> Iterator[tuple[str
         yield from ((place, course) for course in _unknown(recording.duration))
 
 
-def _always(size: float) -> Course:
-    return lambda time: np.full(len(time), size)
-
-
 def _unknown(last: float) -> list[Course]:
     """Powers of time up to `last`, s."""
 
@@ -182,9 +177,9 @@ def _unknown(last: float) -> list[Course]:
 
 
 def _misread(read: SignalStream, zero: float, resolution: float = 0.0) -> Iterator[Course]:
-    """By its zero, of a standard uncertainty, K, and how it rounds; then what noise and steps leave open."""
+    """By its zero, of a standard uncertainty, K, and how it rounds; then what noise, steps and jumps leave open."""
     found = ThermometerCourse.of(read.time, read.values[:, 0], resolution)
-    yield from (_between(found.time, way) for way in found.course.ways(zero)[:, : 1 + NOISY_COURSES].T)
+    yield from (_between(at, way) for at, way in found.ways(zero, NOISY_COURSES))
 
 
 def _between(at: Array, values: Array) -> Course:
@@ -210,98 +205,3 @@ def _unread(temperature: SignalStream, last: float) -> Iterator[Course]:
     ):
         if missing > least:
             yield from (course(end, sign, power) for power in range(1, UNKNOWN_COURSES))
-
-
-@dataclass(frozen=True)
-class _Warmed:
-    """Another course of temperature, of the stage or a place."""
-
-    course: Course
-    place: str = ""
-
-    def inputs(self, inputs: StageInputs) -> StageInputs:
-        """What drives the stage, with it."""
-        nothing = inputs.warmings.get(self.place, lambda time: np.zeros(len(time)))
-        before = nothing if self.place else inputs.warming
-
-        def warming(time: Array) -> Array:
-            return np.asarray(before(time) + self.course(time), np.float64)
-
-        if self.place:
-            return replace(inputs, warmings={**inputs.warmings, self.place: warming})
-        return replace(inputs, warmings={**inputs.warmings, "": warming}, warming=warming)
-
-    def state(self, state: RotorState) -> RotorState:
-        """A state of the rotor, with it."""
-        added = self.course(state.time - state.age)
-        if not self.place:
-            return replace(state, warming=state.warming + added, _kept={})
-        return replace(state, warmings={**state.warmings, self.place: state.warmings.get(self.place, 0.0) + added})
-
-
-@dataclass(frozen=True)
-class _Pushed:
-    """A force (2,) on the shaft, N, that was not noticed, always or on a course.
-
-    Readings within the noise of a load cell are no force: what is wrong with its steps is wrong `where_it_acts`.
-    """
-
-    force: Array
-    course: Course = field(default_factory=lambda: _always(1.0))
-    where_it_acts: bool = False
-
-    def inputs(self, inputs: StageInputs) -> StageInputs:
-        """What drives the stage, with it."""
-        before = inputs.force
-        return replace(inputs, force=lambda time: self._with(before(time), time))
-
-    def state(self, state: RotorState) -> RotorState:
-        """A state of the rotor, with it."""
-        return replace(state, force=np.asfortranarray(self._with(state.force, state.time - state.age)), _kept={})
-
-    def _with(self, before: Array, time: Array) -> Array:
-        """(n, 2) force with it at times (n,)."""
-        added = np.outer(self.course(time), self.force)
-        return np.asarray(before + (added * np.any(before, axis=1)[:, None] if self.where_it_acts else added))
-
-
-@dataclass(frozen=True)
-class _Diluted:
-    """More of the force by a part of it."""
-
-    part: float
-
-    def inputs(self, inputs: StageInputs) -> StageInputs:
-        """What drives the stage, with it."""
-        before = inputs.force
-        return replace(inputs, force=lambda time: np.asarray(before(time) * (1 + self.part), np.float64))
-
-    def state(self, state: RotorState) -> RotorState:
-        """A state of the rotor, with it."""
-        return replace(state, force=np.asfortranarray(state.force * (1 + self.part)), _kept={})
-
-
-class OtherTwin(StageTwin):
-    """A twin with something else acting on it; its states are the first one's but for that."""
-
-    def __init__(self, twin: StageTwin, change: _Warmed | _Pushed | _Diluted) -> None:
-        inputs = change.inputs(twin.inputs)
-        super().__init__(twin.stage, inputs, twin.times, twin.observed, twin.known, twin.keeps_states)
-        self._plain, self._change = twin, change
-
-    def beside(self, twin: StageTwin) -> OtherTwin:
-        """The same beside another twin, such as that of a stretch of the recording."""
-        return self if twin is self._plain else OtherTwin(twin, self._change)
-
-    def state(self, stream: str, delay: float = 0.0) -> RotorState:
-        """The rotor at the sample times of a stream, `delay` seconds earlier."""
-        return self._change.state(self._plain.state(stream, delay))
-
-    def _moved_state(self, stream: str, acting: Acting) -> RotorState:
-        plain = self._plain._moved_state(stream, acting)
-        # The first one's waves hold unless an effect turns the rotor by what is other.
-        before = self._change.state(plain.unturned or plain)
-        turned = before.theta + turned_by(acting, before)
-        return (
-            self._change.state(plain) if np.array_equal(turned, plain.theta) else super()._moved_state(stream, acting)
-        )
