@@ -203,7 +203,7 @@ def _orders(values: Array, state: RotorState, excess: float) -> tuple[float, str
 
 
 def _place(values: Array, state: RotorState, excess: float) -> tuple[float, str] | None:
-    """One narrow place on the circle that holds most of the excess."""
+    """One narrow place on the circle that holds most of the excess, as no wave does."""
     cells = 72
     cell = (np.mod(state.command, 2 * np.pi) * cells / (2 * np.pi)).astype(np.intp) % cells
     energy = np.bincount(cell, np.square(values), minlength=cells)
@@ -212,6 +212,6 @@ def _place(values: Array, state: RotorState, excess: float) -> tuple[float, str]
     above = np.maximum(energy - base * count, 0.0)
     best = int(np.argmax(above))
     near = float(above[[best - 1, best, (best + 1) % cells]].sum())
-    if near < 0.5 * excess or near < 0.8 * float(above.sum()):
+    if near < 0.5 * max(excess, float(above.sum())):
         return None
     return near / excess, f"angle, a place at {(best + 0.5) * 360 / cells:.0f}°"
