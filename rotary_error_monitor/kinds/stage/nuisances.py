@@ -32,7 +32,7 @@ class Nuisances:
 
     Args:
         twin: the twin as stated.
-        warmings: the twin with each force and slow course of temperature that nobody would have noticed.
+        others: the twin with each force and slow course of temperature that nobody would have noticed.
         rounding: what is not known of how the instruments round.
         measured: (n, k) what each stream showed.
         whiten: white rows of signals.
@@ -42,13 +42,13 @@ class Nuisances:
     def __init__(
         self,
         twin: StageTwin,
-        warmings: Sequence[OtherTwin],
+        others: Sequence[OtherTwin],
         rounding: Rounding,
         measured: Signals,
         whiten: Callable[[Signals], Rows],
         jitter: Callable[[Signals], Mapping[str, Array]],
     ) -> None:
-        self._twin, self._parameters, self._warmings = twin, uncertain_parameters(twin.stage), warmings
+        self._twin, self._parameters, self._others = twin, uncertain_parameters(twin.stage), others
         self._rounding, self._measured, self._whiten, self._jitter = rounding, measured, whiten, jitter
         self._kept: dict[str, tuple[tuple[Cause, ...], NDArray[np.intp], Rows]] = {}
         self._last: SparseRows | None = None
@@ -57,7 +57,7 @@ class Nuisances:
     @property
     def count(self) -> int:
         """Number of columns."""
-        return len(self._parameters) + len(self._warmings) + self._rounding.count
+        return len(self._parameters) + len(self._others) + self._rounding.count
 
     def beside(self, causes: Sequence[Cause]) -> SparseRows:
         """White rows of one standard uncertainty of each, beside causes."""
@@ -113,16 +113,16 @@ class Nuisances:
 
     def _one_of_each(self) -> list[OtherTwin]:
         """Of the other twins one for each input that is another there, and for each axis of it."""
-        return list({other.what: other for other in self._warmings}.values())
+        return list({other.what: other for other in self._others}.values())
 
     def _made(self, instrument: str, streams: Sequence[str], causes: Sequence[Cause]) -> tuple[NDArray[np.intp], Rows]:
         """The columns that act on the streams of one instrument, and their white rows."""
         acting = [i for i, parameter in enumerate(self._parameters) if instrument in parameter.seen_by]
         shifted = [self._parameters[i].shifted(self._twin.stage, self._parameters[i].uncertainty) for i in acting]
         moved = [self._twin.predict(causes, streams, stage) for stage in shifted]
-        before = len(self._parameters) + len(self._warmings)
+        before = len(self._parameters) + len(self._others)
         acting += range(len(self._parameters), before)
-        moved += [warmed.predict(causes, streams) for warmed in self._warmings]
+        moved += [other.predict(causes, streams) for other in self._others]
         rounded = self._rounding.acting(instrument)
         if not acting and len(rounded) == 0:
             return np.zeros(0, np.intp), {}

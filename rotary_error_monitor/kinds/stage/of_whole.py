@@ -9,11 +9,11 @@ from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.gap.problem import Conditions
 from rotary_error_monitor.kinds.stage.arc import Arc
 from rotary_error_monitor.kinds.stage.conditions import stage_conditions
-from rotary_error_monitor.kinds.stage.load_cells import uncertain_load_cells
+from rotary_error_monitor.kinds.stage.load_cells import ForceNoise, uncertain_forces, uncertain_load_cells
 from rotary_error_monitor.kinds.stage.other_twin import OtherTwin
 from rotary_error_monitor.kinds.stage.play import Play
 from rotary_error_monitor.kinds.stage.rounding import steps_of
-from rotary_error_monitor.kinds.stage.warming import ForceNoise, uncertain_forces, uncertain_warmings
+from rotary_error_monitor.kinds.stage.warming import uncertain_warmings
 from rotary_error_monitor.twin.recording import StageRecording
 from rotary_error_monitor.twin.stage import StageInputs, StageTwin
 

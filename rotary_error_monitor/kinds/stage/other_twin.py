@@ -83,7 +83,7 @@ class Pushed:
 
 
 @dataclass(frozen=True)
-class Diluted:
+class Scaled:
     """More of the force by a part of it."""
 
     part: float
@@ -130,7 +130,7 @@ class Late:
 class OtherTwin(StageTwin):
     """A twin with something else acting on it; its states are the first one's but for that."""
 
-    def __init__(self, twin: StageTwin, change: Warmed | Pushed | Diluted | Late) -> None:
+    def __init__(self, twin: StageTwin, change: Warmed | Pushed | Scaled | Late) -> None:
         inputs = change.inputs(twin.inputs)
         super().__init__(twin.stage, inputs, twin.times, twin.observed, twin.known, twin.keeps_states)
         self._plain, self._change = twin, change

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.kinds.stage.load_cells import ForceNoise
 from rotary_error_monitor.kinds.stage.rounding import repeated_squares
-from rotary_error_monitor.kinds.stage.warming import ForceNoise
 from rotary_error_monitor.sensors.library import sensor_of
 from rotary_error_monitor.twin.stage import StageTwin
 

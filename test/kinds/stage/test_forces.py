@@ -22,8 +22,8 @@ from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.verdict import Verdict
+from rotary_error_monitor.kinds.stage.load_cells import uncertain_forces
 from rotary_error_monitor.kinds.stage.stretches import stage_problem
-from rotary_error_monitor.kinds.stage.warming import uncertain_forces
 from rotary_error_monitor.resources import config
 from rotary_error_monitor.twin.recording import record_stage
 
