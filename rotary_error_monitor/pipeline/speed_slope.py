@@ -282,7 +282,8 @@ class SpeedSlope:
     def _slope_of(self, free: Array, missed: Array, unknown: int) -> tuple[Array, Array]:
         """Slope (k,), and how large it can be by chance, from speed and values (n, 1 + k) free of all else.
 
-        That are so many unknowns. What may be `missed` (n,) of the values counts as its standard uncertainty.
+        What they are free of had so many unknowns. What may be `missed` (n,) of the values counts as its standard
+        uncertainty.
         """
         speed, values = free[:, 0], free[:, 1:]
         spread = max(float(speed @ speed), _TINY)
