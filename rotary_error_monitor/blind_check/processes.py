@@ -92,5 +92,6 @@ def _answer(connection: Connection) -> Answer:
     except (EOFError, OSError):
         raise InputError(ENDED) from None
     if isinstance(answer, Exception):
-        raise InputError(f"a process of the benchmark failed: {type(answer).__name__}: {answer}")
+        at = "".join(f" at {note}" for note in getattr(answer, "__notes__", ()))
+        raise InputError(f"a process of the benchmark failed{at}: {type(answer).__name__}: {answer}")
     return answer

@@ -51,6 +51,7 @@ def diagnose_cases(connection: Connection) -> None:
         try:
             connection.send(diagnose_case(place, left_out))
         except Exception as error:  # told to the other side, which cannot see this process
+            error.add_note(place.name)
             connection.send(error)
 
 

@@ -51,7 +51,8 @@ TIMING = 2e-6
 set to within a microsecond, as by a fieldbus or PTP, and jittering by as much."""
 
 OWN_THERMOMETER = "environment.thermometer"
-"""Where the section `uncertainty` states that of the zero of the stage's own thermometer, K."""
+"""Where the section `uncertainty` states that of the zero of the stage's own thermometer, K, and with `_timing` behind
+it that of how far it is behind the stage, s."""
 
 OWN_LOAD_CELL = "environment.load_cell"
 """Where it states that of the zero of the stage's own load cell, N; with `_gain` behind it that of the force on the

@@ -31,6 +31,7 @@ from rotary_error_monitor.description.sections import Place, Section, WrongError
 from rotary_error_monitor.description.sensor_places import heads_at_one_place, sensors_at_one_place
 from rotary_error_monitor.description.sensor_section import (
     OWN_KINDS,
+    PLACE_TEMPERATURE,
     READ_HEAD,
     SHAFT_FORCE,
     SensorSection,
@@ -253,8 +254,10 @@ class StageSection(Section):
             "0.01 or sensors.top.zero, beside which that of the sensor is of its form alone; of stamps in s: "
             "encoder.timing (of heads against one another) and command.timing, 2.0e-06 each unless stated, "
             "autocollimator.timing and sensors.top.timing; environment.thermometer, of its zero in K, unless stated "
-            "that of class B of IEC 60751; environment.load_cell, of its zero in N, environment.load_cell_gain and "
-            "environment.load_cell_timing, of the force on the shaft in parts of it and of its stamps in s, unless "
+            "that of class B of IEC 60751, and environment.thermometer_timing, of how far it is behind the stage in "
+            "s, 5.0 each unless stated, as sensors.bearing.timing of a listed one; environment.load_cell, of its zero "
+            "in N, environment.load_cell_gain and environment.load_cell_timing, of the force on the shaft in parts of "
+            "it and of its stamps in s, unless "
             "stated up to 1 % of the rated output, and a sample"
         ),
     ] = field(default_factory=dict)
@@ -315,7 +318,7 @@ PARAMETERS: Mapping[str, tuple[str, ...]] = {
     "spindle": _names(Spindle),
     "lvdt": _names(Lvdt, *RESPONSES),
     "command": ("timing",),
-    "environment": ("thermometer", "load_cell", "load_cell_gain", "load_cell_timing"),
+    "environment": ("thermometer", "thermometer_timing", "load_cell", "load_cell_gain", "load_cell_timing"),
 }
 """What the section `uncertainty` may name of each section, whether a stage has that section or not.
 
@@ -346,7 +349,7 @@ def _contradictions(section: StageSection) -> Iterator[tuple[Place, str]]:
     if section.autocollimator is not None:
         yield from folded(section.autocollimator)
     yield from _doubtful_force(section)
-    yield from _unknown(section, poses)
+    yield from _unknown(section)
 
 
 def _doubtful_force(section: StageSection) -> Iterator[tuple[Place, str]]:
@@ -365,7 +368,7 @@ def _doubtful_force(section: StageSection) -> Iterator[tuple[Place, str]]:
         )
 
 
-def _unknown(section: StageSection, poses: Sequence[str]) -> Iterator[tuple[Place, str]]:
+def _unknown(section: StageSection) -> Iterator[tuple[Place, str]]:
     """What `uncertainty` and `calibration` name and the stage does not have."""
     named = {"uncertainty": tuple(section.uncertainty), "calibration": tuple(stated(section.calibration))}
     for part, names in named.items():
@@ -376,7 +379,7 @@ def _unknown(section: StageSection, poses: Sequence[str]) -> Iterator[tuple[Plac
         part, _, parameter = name.rpartition(".")
         known = _parameters(section, part)
         if not known:
-            listed = [f"sensors.{each}" for each in poses]
+            listed = [part for each in section.sensors if _parameters(section, part := f"sensors.{each}")]
             yield (
                 ("uncertainty", name),
                 f"there is no part '{part}'; expected one of {', '.join([*PARAMETERS, *listed])}",
@@ -391,4 +394,6 @@ def _parameters(section: StageSection, part: str) -> tuple[str, ...]:
     if head != "sensors":
         return PARAMETERS.get(part, ())
     sensor = section.sensors.get(listed)
-    return () if sensor is None or sensor.is_input else ("gain", *listed_sensor(sensor).place, "zero", "timing")
+    if sensor is None or sensor.is_input:
+        return ("timing",) if sensor is not None and sensor.measures == PLACE_TEMPERATURE else ()
+    return ("gain", *listed_sensor(sensor).place, "zero", "timing")

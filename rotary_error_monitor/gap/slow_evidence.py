@@ -171,7 +171,7 @@ class ExplainingColumns:
         prior = np.eye(columns.shape[2])[None]
         if count:
             power = _squares(_held(gram), moment) / columns.shape[2]
-            prior = gram / np.maximum(power, count)[:, None, None]
+            prior = gram / np.maximum(power, count)[:, None, None] + _rounding(gram)
         return cls(columns, gram, moment, prior, float(np.max(_log_evidence(gram, moment, prior))))
 
     def explanations(self, found: Sequence[Spectrum], log_prior: float) -> Iterator[Explanation]:
@@ -217,5 +217,17 @@ def _squares(gram: Array, moment: Array) -> Array:
 
 def _held(gram: Array) -> Array:
     """Products (…, p, p) of columns, some of which may be sums of others."""
-    trace = np.trace(gram, axis1=-2, axis2=-1)[..., None, None]
-    return np.asarray(gram + (SAME * trace + np.finfo(np.float64).tiny) * np.eye(gram.shape[-1]), np.float64)
+    return np.asarray(gram + _part_of(gram, SAME) + np.finfo(np.float64).tiny * np.eye(gram.shape[-1]), np.float64)
+
+
+def _rounding(gram: Array) -> Array:
+    """What rounding may make of the squares of a sum of columns that is none, from their products (…, p, p).
+
+    A prior that is wide because the data are loud must not be narrower than that there: nothing would hold such a sum.
+    """
+    return _part_of(gram, 4 * gram.shape[-1] * float(np.finfo(np.float64).eps))
+
+
+def _part_of(gram: Array, part: float) -> Array:
+    """(…, p, p) the same square in each direction, a part of all squares."""
+    return np.asarray(part * np.trace(gram, axis1=-2, axis2=-1)[..., None, None] * np.eye(gram.shape[-1]), np.float64)

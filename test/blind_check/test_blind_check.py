@@ -24,7 +24,7 @@ from rotary_error_monitor.blind_check.processes import ask, processes
 from rotary_error_monitor.blind_check.score_tables import format_scores
 from rotary_error_monitor.blind_check.scores import score_case
 from rotary_error_monitor.blind_check.sizes import departure_beyond_uncertainty, sizes_beyond_uncertainty
-from rotary_error_monitor.blind_check.solver import diagnose_case, seal_process
+from rotary_error_monitor.blind_check.solver import diagnose_case, diagnose_cases, seal_process
 from rotary_error_monitor.cases.case_faults import LOUDEST
 from rotary_error_monitor.cases.departures import SHARES
 from rotary_error_monitor.cases.faults import UnsuitableSeedError
@@ -148,6 +148,16 @@ def test_a_case_that_is_refused_is_a_wrong_one_and_ends_no_benchmark(tmp_path):
 def test_a_process_that_ends_before_its_time_is_told_at_once():
     with processes(Connection.close, 2) as made, pytest.raises(InputError, match="ended before its time"):
         ask(made, ["a case"], lambda place: None)
+
+
+def test_the_case_at_which_a_process_failed_is_named(tmp_path):
+    (tmp_path / "case_0007").mkdir()
+    (tmp_path / "case_0007" / "twin.yaml").mkdir()
+    with (
+        processes(diagnose_cases, 1) as solvers,
+        pytest.raises(InputError, match=r"failed at case_0007: \w+: .*twin\.yaml"),
+    ):
+        ask(solvers, [(tmp_path / "case_0007", ())], lambda place: None)
 
 
 def test_a_machine_has_no_other_speed(tmp_path):

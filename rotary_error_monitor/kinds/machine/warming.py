@@ -1,6 +1,7 @@
 """Temperature of a machine at its poses: a smooth course, and the ways in which the thermometer may be wrong about it.
 
-Thermometers round, scatter and fall silent; an expansion that the machine states makes micrometres of that.
+Thermometers round, scatter, fall silent and follow late; an expansion that the machine states makes micrometres of
+that.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import numpy as np
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.machine import THERMOMETER, MachineDescription
-from rotary_error_monitor.metrology.smooth_course import FEWEST, smooth_course
+from rotary_error_monitor.metrology.smooth_course import FEWEST, SmoothCourse, smooth_course
 from rotary_error_monitor.metrology.thermometer_course import LOUDEST, class_b_uncertainty
 from rotary_error_monitor.metrology.unread_temperature import believed_readings, unknown_warming
 from rotary_error_monitor.twin.machine import MachineRecording, predict_probe
@@ -23,6 +24,11 @@ WARMED = 1.0
 
 NOTHING = 0.01
 """Part of the variance of the probe that ways in which the temperature may be wrong can be left out with together."""
+
+
+BEHIND = 1.0
+"""Standard uncertainty of how many poses a thermometer is behind what expands, or that behind it: it is read once a
+pose, and in the time of one it may follow."""
 
 
 def with_smooth_temperature(
@@ -52,7 +58,12 @@ def with_smooth_temperature(
     course = smooth_course(good, LOUDEST)
     # one that the machine's file states is a parameter of it
     zero = 0.0 if THERMOMETER in machine.uncertainty else class_b_uncertainty(float(np.mean(course.values)))
-    return replace(recording, temperature=course.values, remarks=tuple(remarks)), partial(course.ways, zero)
+    return replace(recording, temperature=course.values, remarks=tuple(remarks)), partial(_misread, course, zero)
+
+
+def _misread(course: SmoothCourse, zero: float) -> Array:
+    """(n, k) ways in which a thermometer that was read may be wrong, K: what is behind errs by how fast it warms."""
+    return np.column_stack([course.ways(zero), BEHIND * np.gradient(course.values)])
 
 
 def _expands(machine: MachineDescription) -> bool:

@@ -1,6 +1,6 @@
 """What is not known of the temperature of a stage and of places of it, as nuisances.
 
-Nobody measured it, or a thermometer has noise, a zero that is uncertain, and steps.
+Nobody measured it, or a thermometer has noise, a zero that is uncertain, and steps, and follows after a while.
 """
 
 from __future__ import annotations
@@ -26,6 +26,17 @@ NOISY_COURSES = 8
 """Slow courses in which a smoothed thermometer errs: it passes about seven, faster ones are smoothed away."""
 
 
+RESPONSE = 5.0
+"""Standard uncertainty of how long a thermometer is behind its place, s, where nobody states one.
+
+Time constants of thin-film platinum elements in still air are 3 to 7 s by their data sheets; a place of some mass that
+is itself behind its thermometer counts the other way.
+"""
+
+_SLOPE = 0.25
+"""Time on either side, s, over which a warming is taken as straight."""
+
+
 def uncertain_warmings(twin: StageTwin, recording: StageRecording) -> tuple[OtherTwin, ...]:
     """Twins that warm by one standard uncertainty of each slow course."""
     if TEMPERATURE not in recording.streams:
@@ -33,7 +44,8 @@ def uncertain_warmings(twin: StageTwin, recording: StageRecording) -> tuple[Othe
     elif np.any(twin.stage.spindle.radial_thermal):
         read = recording.streams[TEMPERATURE]
         zero = twin.stage.uncertainty.get(OWN_THERMOMETER, class_b_uncertainty(float(np.mean(read.values))))
-        courses = [*_misread(read, zero), *_unread(read, recording.duration)]
+        behind = _behind(twin.inputs.warming, read, twin.stage.uncertainty.get(f"{OWN_THERMOMETER}_timing", RESPONSE))
+        courses = [*_misread(read, zero), behind, *_unread(read, recording.duration)]
     else:
         courses = []
     whole = (OtherTwin(twin, Warmed(course)) for course in courses)
@@ -44,11 +56,14 @@ def uncertain_warmings(twin: StageTwin, recording: StageRecording) -> tuple[Othe
 def _of_places(twin: StageTwin, recording: StageRecording) -> Iterator[tuple[str, Course]]:
     """Courses by place: of listed thermometers, and of what the twin states to go with one that nobody read."""
     read = {place: stream for place, stream in twin.stage.thermometers.items() if stream in recording.streams}
-    for place, stream in read.items():
-        sensor = twin.stage.inputs[stream]
-        misread = _misread(recording.streams[stream], sensor.uncertainty, sensor.resolution)
-        yield from ((place, course) for course in (*misread, *_unread(recording.streams[stream], recording.duration)))
     stated = {cause.location for cause in twin.known if isinstance(cause.effect, StageEffect) and cause.effect.warms}
+    for place, stream in read.items():
+        sensor, known = twin.stage.inputs[stream], recording.streams[stream]
+        yield from ((place, course) for course in _misread(known, sensor.uncertainty, sensor.resolution))
+        if place in stated:  # a cause that is looked for lags by a departure of its own
+            constant = twin.stage.uncertainty.get(f"sensors.{place}.timing", RESPONSE)
+            yield place, _behind(twin.inputs.warmings[place], known, constant)
+        yield from ((place, course) for course in _unread(known, recording.duration))
     for place in sorted(stated - {"", *read}):
         yield from ((place, course) for course in _unknown(recording.duration))
 
@@ -66,6 +81,20 @@ def _misread(read: SignalStream, zero: float, resolution: float = 0.0) -> Iterat
     """By its zero, of a standard uncertainty, K, and how it rounds; then what noise, steps and jumps leave open."""
     found = ThermometerCourse.of(read.time, read.values[:, 0], resolution)
     yield from (_between(at, way) for at, way in found.ways(zero, NOISY_COURSES))
+
+
+def _behind(warming: Course, read: SignalStream, constant: float) -> Course:
+    """By how much a place is warmer, K, than a thermometer that follows it with a time constant, s.
+
+    Of first order, that is the constant times how fast the readings rise.
+    """
+    first, last = float(read.time[0]), float(read.time[-1])
+
+    def course(time: Array) -> Array:
+        within = np.clip(time, first + _SLOPE, max(last - _SLOPE, first + _SLOPE))
+        return constant * (warming(within + _SLOPE) - warming(within - _SLOPE)) / (2 * _SLOPE)
+
+    return course
 
 
 def _between(at: Array, values: Array) -> Course:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from draws import seeds
 from faults.documenting import Row, shows
+from scipy.signal import lfilter
 
 from rotary_error_monitor.blind_check.cases import draw_machine
 from rotary_error_monitor.cases.making import make_machine_case
@@ -20,6 +21,14 @@ from rotary_error_monitor.kinds.machine.problem import MachineProblem
 from rotary_error_monitor.twin.machine import MachineRecording, predict_probe
 
 EFFECTS = load_effects(MachineEffect)
+
+
+def behind(true, poses):
+    """(n,) what follows a temperature with a time constant, as warm as that in the beginning."""
+    passed = -np.expm1(-1 / poses)
+    return lfilter([passed], [1, passed - 1], true - true[0]) + true[0]
+
+
 READ = {
     "noise of 0.1 K": lambda true, noise: true + 0.1 * noise,
     "noise of 0.3 K": lambda true, noise: true + 0.3 * noise,
@@ -27,6 +36,7 @@ READ = {
     "steps of 1 K": lambda true, noise: np.rint(true),
     "a zero that is off": lambda true, noise: true + np.sign(noise[0]) * 0.3,
     "steps of 1 K, cut off": lambda true, noise: np.floor(true),
+    "two poses behind": lambda true, noise: behind(true, 2.0) + 0.02 * noise,
     "an hour without": lambda true, noise: np.where(np.abs(np.linspace(0, 1, len(true)) - 0.6) < 0.1, np.nan, true),
 }
 
