@@ -13,6 +13,10 @@ UNKNOWN_COURSES = 4
 """Powers of time from none to the third: a shop warms, levels off and cools again over a recording; what changes faster
 than that does not get into a body of iron."""
 
+COURSES_OF_AN_HOUR = 8
+"""Polynomials of time over which a temperature may go while a machine is measured: an air conditioning warms and cools
+it once or twice."""
+
 
 def believed_readings(read: Array, limits: tuple[float, float]) -> tuple[Array, str]:
     """Readings (n,) of a thermometer, °C, without those beyond its limits, as 85 °C of one just switched on.
@@ -31,7 +35,11 @@ def believed_readings(read: Array, limits: tuple[float, float]) -> tuple[Array, 
     )
 
 
-def unknown_warming(passed: Array) -> Array:
-    """(n, 4) courses of one standard uncertainty each, K: powers of the part of a recording that has passed (n,)."""
-    powers = np.arange(UNKNOWN_COURSES)
-    return np.asarray(UNKNOWN_WARMING * (2 * passed[:, None] - 1) ** powers, np.float64)
+def unknown_warming(passed: Array, courses: int = UNKNOWN_COURSES) -> Array:
+    """(n, courses) of one standard uncertainty each, K: Legendre polynomials of time.
+
+    Args:
+        passed: (n,) part of a recording that has passed, 0 to 1.
+        courses: their number.
+    """
+    return np.asarray(UNKNOWN_WARMING * np.polynomial.legendre.legvander(2 * passed - 1, courses - 1), np.float64)

@@ -65,7 +65,7 @@ class MachineProblem(MachineTable):
         effects: Sequence[MachineEffect],
         probe_std: float | None = None,
     ) -> None:
-        smooth, self._temperature_ways = with_smooth_temperature(machine, recording)
+        smooth, temperature_ways = with_smooth_temperature(machine, recording)
         stated = np.broadcast_to(probe_std or machine.probe_noise or PROBE_STD, 3)
         self.stated_std = self.probe_std = float(np.sqrt(np.mean(np.square(stated))))
         self._parts = stated / self.stated_std
@@ -73,7 +73,8 @@ class MachineProblem(MachineTable):
         super().__init__(machine, smooth, effects, np.array(stated))
         self._shifts = uncertain_shifts(machine)
         self._moved: Array | None = None
-        self._smooth = SmoothMachine(machine, self.recording, self.std)
+        self._warmed = moved_by_temperature(machine, self.recording, temperature_ways, self.std)
+        self._smooth = SmoothMachine(machine, self.recording, self.std, self._warmed)
         self._estimator = ProbeNoiseEstimator(self._smooth.columns, self._smooth.factors)
         self._noise = AS_STATED
         self.drift: Array = np.zeros((len(self.index), 0))
@@ -102,8 +103,7 @@ class MachineProblem(MachineTable):
         if self._moved is None:
             base = self.predict(None, ())
             moved = [(predict_probe(shift.machine, self.recording).T - base)[:, :, None] for shift in self._shifts]
-            warmed = moved_by_temperature(self.machine, self.recording, self._temperature_ways, self.std)
-            self._moved = np.concatenate([*moved, warmed], axis=2)
+            self._moved = np.concatenate([*moved, self._warmed], axis=2)
         return self._moved
 
     def structure(self, rest: Rows) -> list[StructureTest]:

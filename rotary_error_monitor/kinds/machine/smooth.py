@@ -41,11 +41,15 @@ class SmoothMachine:
         machine: the description.
         recording: the poses.
         probe_std: (3,) standard deviation of the probe's components, m.
+        warmed: (3, n, j) change of the probe, m, by each way in which the temperature may be wrong.
     """
 
-    def __init__(self, machine: MachineDescription, recording: MachineRecording, probe_std: Array) -> None:
+    def __init__(
+        self, machine: MachineDescription, recording: MachineRecording, probe_std: Array, warmed: Array
+    ) -> None:
         self._tables = _tables(machine, recording, probe_std)
-        table = np.concatenate([columns for _, _, columns in self._tables], axis=1)
+        warm = (warmed / probe_std[:, None, None]).reshape(3 * warmed.shape[1], warmed.shape[2])
+        table = np.concatenate([*(columns for _, _, columns in self._tables), warm], axis=1)
         self.columns = table / np.maximum(np.linalg.norm(table, axis=0), 1e-12) * np.sqrt(len(table))
         """White columns (3 n, p), components one after the other, each with a mean square of one."""
 

@@ -16,7 +16,7 @@ from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.machine import THERMOMETER, MachineDescription
 from rotary_error_monitor.metrology.smooth_course import FEWEST, SmoothCourse, smooth_course
 from rotary_error_monitor.metrology.thermometer_course import LOUDEST, class_b_uncertainty
-from rotary_error_monitor.metrology.unread_temperature import believed_readings, unknown_warming
+from rotary_error_monitor.metrology.unread_temperature import COURSES_OF_AN_HOUR, believed_readings, unknown_warming
 from rotary_error_monitor.twin.machine import MachineRecording, predict_probe
 
 WARMED = 1.0
@@ -46,7 +46,7 @@ def with_smooth_temperature(
     read, count = recording.temperature, len(recording.temperature)
     good, doubt = believed_readings(read, machine.limits.temperature)
     remarks = [*recording.remarks, *([doubt] if doubt else [])]
-    ways = partial(unknown_warming, np.arange(count) / count)
+    ways = partial(unknown_warming, np.arange(count) / count, COURSES_OF_AN_HOUR)
     if np.count_nonzero(np.isfinite(good)) < FEWEST:
         if _expands(machine):
             remarks.append("temperature: not recorded; what expands by it is not known")
