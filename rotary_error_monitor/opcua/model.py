@@ -315,15 +315,3 @@ def _span(kind: str) -> Range:
 
 def _limit(kind: str) -> str:
     return f"compensation/{kind}_error"
-
-
-def markdown_table(variables: Sequence[Variable]) -> str:
-    """The variables as a Markdown table, a row a variable."""
-    rows = ["| node id `ns=…;s=` | unit (code) | what | of | level of | stale after |", "|---|---|---|---|---|---|"]
-    for variable in variables:
-        kinds = {str: "text", bool: "truth value", float: f"{variable.unit.symbol} ({variable.unit.code})"}
-        source = f"`{variable.status}`" if variable.status else f"topic `{variable.source}`"
-        judge = f"`{variable.judge}`" if variable.judge else ""
-        cells = (f"`{variable.path}`", kinds[variable.type], variable.meaning, source, judge)
-        rows.append("| " + " | ".join((*cells, f"{variable.stale_after:g} s")) + " |")
-    return "\n".join(rows) + "\n"

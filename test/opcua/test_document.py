@@ -13,7 +13,6 @@ from rotary_error_monitor.opcua.model import (
     CellDescription,
     health_variables,
     information_model,
-    markdown_table,
 )
 from rotary_error_monitor.opcua.server import MOST_STATUSES
 from rotary_error_monitor.pipeline.observability import possible_components
@@ -21,6 +20,18 @@ from rotary_error_monitor.pipeline.observability import possible_components
 ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "doc" / "opcua.md").read_text(encoding="utf-8")
 FIGURES = ("rate_hz", "age_ms", "lost_samples", "late_blocks", "refused_messages")
+
+
+def markdown_table(variables):
+    """The variables as a Markdown table, a row a variable."""
+    rows = ["| node id `ns=…;s=` | unit (code) | what | of | level of | stale after |", "|---|---|---|---|---|---|"]
+    for variable in variables:
+        kinds = {str: "text", bool: "truth value", float: f"{variable.unit.symbol} ({variable.unit.code})"}
+        source = f"`{variable.status}`" if variable.status else f"topic `{variable.source}`"
+        judge = f"`{variable.judge}`" if variable.judge else ""
+        cells = (f"`{variable.path}`", kinds[variable.type], variable.meaning, source, judge)
+        rows.append("| " + " | ".join((*cells, f"{variable.stale_after:g} s")) + " |")
+    return "\n".join(rows) + "\n"
 
 
 def test_the_table_is_that_of_the_code():
