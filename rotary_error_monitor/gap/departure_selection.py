@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Collection, Hashable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -24,15 +24,23 @@ _NO_MORE = 1e-9
 """Growth of the evidence that is rounding."""
 
 
-def with_departures(problem: Problem, fit: Fit, false_alarms: float = 1.0) -> Fit:
+def with_departures(problem: Problem, fit: Fit, false_alarms: float = 1.0, without: Collection[str] = ()) -> Fit:
     """The causes of a fit fitted again with those kinds of departure that the recording asks for.
 
     Kinds join one by one, each time that with the most evidence, as long as that grows by more than the number of kinds
     there are: each is as likely beforehand as any other, and as none. Where nothing else says that something is left, a
     kind must be likelier by the false-alarm rate as well: so seldom the evidence of none grows by that. The fit
     tells as well how much likelier something proportional to a quantity would be in the place of each cause.
+
+    Args:
+        problem: recording beside twin.
+        fit: causes in their textbook forms.
+        false_alarms: largest chance of a kind where nothing is left.
+        without: kinds that may not join.
     """
-    offered = [d for d in problem.departures(fit.causes) if d.kinds] if isinstance(problem, Departing) else []
+    known = problem.departures(fit.causes) if isinstance(problem, Departing) else ()
+    kinds = [[i for i, kind in enumerate(d.kinds) if kind not in without] for d in known]
+    offered = [d if len(own) == len(d.kinds) else d.chosen(own) for d, own in zip(known, kinds, strict=True) if own]
     if not offered:
         return fit
     stacked = stacked_beside(problem, fit, [d.columns for d in offered])
@@ -45,10 +53,10 @@ def with_departures(problem: Problem, fit: Fit, false_alarms: float = 1.0) -> Fi
         return fit
     first = len(stacked.moment[0]) - len(labels)
     own = np.r_[: len(fit.nuisance_values), first + np.flatnonzero([label in chosen for label in labels])]
-    known = KnownProducts(fit.nuisance, stacked.gram[:, own[:, None], own])
+    products = KnownProducts(fit.nuisance, stacked.gram[:, own[:, None], own])
     del stacked
     log_prior = -len(chosen) * float(np.log(len(set(labels))))
-    departing = fit_causes(problem, fit.causes, departures=kept, known=known)
+    departing = fit_causes(problem, fit.causes, departures=kept, known=products)
     nuisances, scatter = len(fit.nuisance_values), dispersion(departing)
     proportional = log_odds_in_proportion(total, nuisances, fit.causes, offered, chosen, scatter)
     return replace(departing, log_prior=log_prior, proportional=proportional)

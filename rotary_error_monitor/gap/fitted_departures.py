@@ -13,6 +13,9 @@ from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.gap.departures import SHARE, Departures, Words
 
+CANCELLED = 2.0
+"""Times that kinds of departure are larger than what they do together from which they cancel one another."""
+
 
 @dataclass(frozen=True)
 class FittedDepartures:
@@ -53,6 +56,13 @@ class FittedDepartures:
                 widest = float(np.sqrt(np.max(np.diag(self.products)[own], initial=0.0)))
                 fair[own] *= SHARE / max(SHARE, widest * self.grown)
         return max(self._share(fair), math.hypot(*(self._share(np.where(own, fair, 0.0)) for _, own in self._kinds())))
+
+    def cancelling(self) -> list[str]:
+        """Kinds that cancel one another: those of which less would be left without one, the largest first."""
+        shares = self.shares()
+        if self.size() <= CANCELLED * max(self.share(), SHARE):
+            return []
+        return sorted(shares, key=lambda kind: -shares[kind])[:2]
 
     def _kinds(self) -> Iterator[tuple[str, NDArray[np.bool_]]]:
         """Each kind, and (q,) which columns are of it."""

@@ -31,22 +31,23 @@ class FittedSets:
 
     problem: Problem
     seen: set[CauseSet] = field(default_factory=set)
-    _departing: dict[tuple[tuple[Key, ...], float], Fit | None] = field(default_factory=dict)
+    _departing: dict[tuple[tuple[Key, ...], float, str], Fit | None] = field(default_factory=dict)
 
-    def departing(self, fit: Fit, false_alarms: float = 1.0) -> Fit:
+    def departing(self, fit: Fit, false_alarms: float = 1.0, without: str = "") -> Fit:
         """The causes of a fit with the departures that the recording asks for; the fit itself where it asks for none.
 
         Args:
             fit: causes in their textbook forms.
             false_alarms: as `with_departures`.
+            without: a kind that may not be among them.
 
         Raises:
             UnpredictableError: the twin cannot predict them.
         """
         # In their order: all that is said of them is.
-        key = tuple(cause.key for cause in fit.causes), false_alarms
+        key = tuple(cause.key for cause in fit.causes), false_alarms, without
         if key not in self._departing:
-            found = with_departures(self.problem, fit, false_alarms)
+            found = with_departures(self.problem, fit, false_alarms, {without} if without else ())
             self._departing[key] = None if found is fit else found.without_data()
             return found
         known = self._departing[key]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -14,6 +14,7 @@ from rotary_error_monitor.gap.departures import (
     Departures,
     Modulation,
     Normaliser,
+    Words,
     amplitude_sizes,
     in_proportion,
     modulated,
@@ -46,6 +47,21 @@ class Quantity:
     zero: bool = False
 
 
+@dataclass(frozen=True)
+class AddedForm:
+    """Columns that no modulation of a cause gives.
+
+    Attributes:
+        kind: departures of one kind are taken together.
+        words: says what it is.
+        columns: (c, n, q) of one standard deviation of each, in the channels' units.
+    """
+
+    kind: str
+    words: Words
+    columns: Array
+
+
 def _modulations_by(quantities: Mapping[str, Quantity], each: bool) -> list[Modulation]:
     """Those quantities that vary over the poses, centred and scaled; `each` as in `Modulation`."""
     norm = Normaliser({name: quantity.values for name, quantity in quantities.items()})
@@ -75,6 +91,7 @@ def departures_at_poses(
     time: Array,
     each: Mapping[str, Quantity],
     together: Mapping[str, Quantity],
+    added: Sequence[tuple[AddedForm, Rows]] = (),
 ) -> Departures:
     """Ways in which a cause at poses may depart: by quantities, by its own size, and slowly in time.
 
@@ -86,16 +103,26 @@ def departures_at_poses(
         time: (n,) of each pose, or its number.
         each: quantities on which each amplitude may depend in its own way.
         together: quantities on which all amplitudes depend alike.
+        added: forms that are no modulations, with white rows of their columns.
     """
     amplitudes, sizes = cause.values[cause.effect.indices(Role.LINEAR)], amplitude_sizes(cause)
     signature = np.stack([rows[channel] for channel in units], axis=1)
     passed = (time - time.min()) / (float(np.ptp(time)) or 1.0)
     by_all = [*_modulations_by(each, True), *_modulations_by(together, False), settling(passed), *slow_courses(passed)]
     by_all += _by_size((signature @ amplitudes) * np.array(list(units.values())))
-    made = modulated(signature, amplitudes, sizes, by_all)
+    beside = [np.stack([white[channel] for channel in units], axis=1) for _, white in added]
+    made = modulated(signature, amplitudes, sizes, by_all, beside)
     columns = {channel: made[:, i] for i, channel in enumerate(units)}
-    told = spread_out(by_all, amplitudes, sizes)
-    return Departures(place, *told, columns, proportional=in_proportion(by_all, sizes))
+    kinds, words, changes = spread_out(by_all, amplitudes, sizes)
+    others = [form for form, _ in added for _ in range(form.columns.shape[2])]
+    return Departures(
+        place,
+        (*kinds, *(form.kind for form in others)),
+        (*words, *(form.words for form in others)),
+        np.append(changes, np.zeros(len(others))),
+        columns,
+        proportional=in_proportion(by_all, sizes, len(others)),
+    )
 
 
 def with_direction(letter: str) -> Say:

@@ -64,4 +64,5 @@ def _reach(problem: Problem, fit: Fit) -> dict[str, Array]:
     inverse = solve_scaled(gram, np.eye(len(gram)))[:count]
     acting = [channel for channel, power in summed(powers_of(problem, fit)).items() if power > 0]
     grams = grams_by_channel(problem, columns, acting)
-    return {channel: np.sum((inverse @ own) * inverse, axis=1) for channel, own in grams.items()}
+    # Squares: what is below zero is rounding, of causes that are far larger than what they leave.
+    return {channel: np.maximum(np.sum((inverse @ own) * inverse, axis=1), 0.0) for channel, own in grams.items()}

@@ -18,6 +18,7 @@ from rotary_error_monitor.gap.p_values import chi_square_quantile, log_f_tail
 from rotary_error_monitor.gap.posterior import (
     Posterior,
     beside_proportional,
+    departures_of,
     marginal_likelihood,
     may_depart,
     powers_of,
@@ -73,11 +74,33 @@ def _posterior(sets: FittedSets, step: Step, causes: tuple[Cause, ...], false_al
     if best.near or best.settled:
         departing = sets.departing(fit, false_alarms)
         best = beside_proportional(best, departing)
-        if departing is not fit and _predicts(problem, weighed := weigh_fit(problem, step, departing), fit):
-            both = best.settled and weighed.settled
-            best = max(best, weighed, key=lambda form: marginal_likelihood(form.fit) if both else form.total)
+        if departing is not fit and _predicts(
+            problem, weighed := _weigh_departing(sets, step, fit, departing, false_alarms), fit
+        ):
+            best = _better_form(best, weighed)
     needless, instead = departures_instead(sets, step, best.fit)
     return instead[0] if instead else replace(best, fit=best.fit.without_data(), needless=needless)
+
+
+def _better_form(textbook: Posterior, departing: Posterior) -> Posterior:
+    """Of two forms of a set that leave nothing the likelier, else that with better odds."""
+    both = textbook.settled and departing.settled
+    return max(textbook, departing, key=lambda form: marginal_likelihood(form.fit) if both else form.total)
+
+
+def _weigh_departing(sets: FittedSets, step: Step, fit: Fit, departing: Fit, false_alarms: float) -> Posterior:
+    """Causes as they depart; with other kinds where those of the most evidence are too large, for they cancel.
+
+    A course of which there is no column may be the difference of two that are far larger. Where others leave nothing
+    either, what departs is no larger than with those.
+    """
+    forms = [weigh_fit(sets.problem, step, departing)]
+    if forms[0].settled and not forms[0].likelier:
+        for kind in dict.fromkeys(kind for each in departures_of(departing) for kind in each.cancelling()):
+            other = sets.departing(fit, false_alarms, kind)
+            if other is not fit and (found := weigh_fit(sets.problem, step, other)).settled:
+                forms.append(found)
+    return max(forms, key=lambda form: form.total)
 
 
 def departures_instead(
@@ -99,10 +122,12 @@ def departures_instead(
         departing = sets.departing(others, false_alarms) if may_depart(problem, others) else others
         needless = marginal_likelihood(departing) - marginal_likelihood(fit) - step.table.log_prior(member)
         if needless > 0:
-            posterior = weigh_fit(problem, step, departing)
+            posterior = _weigh_departing(sets, step, others, departing, false_alarms)
             if not _predicts(problem, posterior, others):  # no rival, and so nothing that speaks against the cause
                 continue
-            likelier.append((needless, replace(posterior, fit=departing.without_data())))
+            if not posterior.likelier:
+                posterior = _better_form(beside_proportional(weigh_fit(problem, step, others), departing), posterior)
+            likelier.append((needless, replace(posterior, fit=posterior.fit.without_data())))
         odds[cause.key] = needless
     return odds, [posterior for _, posterior in sorted(likelier, key=lambda row: -row[0])]
 

@@ -19,6 +19,9 @@ from .feeding import Counted, fed, on_time
 SECONDS = min(float(os.environ.get("BENCH_SECONDS", "20")), 20.0)
 RATES = tuple(map(float, os.environ.get("BENCH_DRIVER_RATES", "1000,5000,10000,20000").split(",")))
 
+CARRIED = 10_000.0
+"""Messages a second in all up to which none is lost."""
+
 
 @pytest.mark.parametrize("rate", RATES)
 def test_one_message_a_sample(rate, tmp_path, capsys):
@@ -44,3 +47,4 @@ def test_one_message_a_sample(rate, tmp_path, capsys):
         each = sum(sent.used) / rate * 1e6
         print(f"  {'all':<16} {100 * sum(sent.used):5.1f} % of a core, {each:.0f} µs a message")
         print(f"  the drivers      {100 * sent.processor:5.1f} %, at most {sent.behind_ms:.0f} ms late")
+    assert not any(lost.values()) or rate > CARRIED, f"messages lost: {lost}"

@@ -138,3 +138,5 @@ def test_recorders_over_dds(rate, tmp_path, capsys):
                 f"{held:.0f} MB at most; {blocks - count} of {blocks} messages lost; drivers at most "
                 f"{sent.behind_ms:.0f} ms late"
             )
+    blocks, count = found["recorder"][1], found["recorder"][3]
+    assert count == blocks, f"{blocks - count} messages lost by the recorder of this package"

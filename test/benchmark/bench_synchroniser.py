@@ -165,3 +165,4 @@ def tell(capsys, way, how, found, sent):
             f"worst radial error motion {found.worst * 1e6:.3f} µm; "
             f"{100 * sum(sent.used):.0f} % of a core; drivers {sent.behind_ms:.0f} ms behind"
         )
+    assert found.joined == found.ticks and found.wrong == 0, "every tick is joined, of one instant"

@@ -122,11 +122,13 @@ def test_blocks_from_heads_to_tool_offset(rate, tmp_path):
     for name, share in found.used.items():
         print(f"  {name:<16} {100 * share:5.1f} % of a core")
     print(f"  {'all':<16} {100 * sum(found.used.values()):5.1f} % of a core")
+    assert not any(missing.values()), f"samples lost: {missing}"
 
 
 def test_the_highest_rate_without_loss(tmp_path):
     """Rates are tried upwards for each size of block, until samples are lost or the cell does not begin to correct."""
     print(f"\nhighest rate of each of 5 instruments that loses nothing in {RATE_SECONDS:.0f} s")
+    carried_whole = []
     for block_period in BLOCK_PERIODS:
         highest = 0.0
         for rate in RATES:
@@ -143,6 +145,8 @@ def test_the_highest_rate_without_loss(tmp_path):
                 break
             highest = rate
         print(f"  blocks of {block_period * 1e3:.0f} ms: {5 * highest:.0f} samples a second in all")
+        carried_whole.append(5 * highest)
+    assert max(carried_whole) >= 1e6, "a million samples a second in all are carried whole"
 
 
 def lost(reader, begin_ns, end_ns):
