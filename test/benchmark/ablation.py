@@ -41,6 +41,8 @@ KINDS = (
     "little by little",
     "place",
     "orders",
+    "another zero",
+    "other periods",
     "harmonic",
     "size",
     "settling",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -33,33 +32,34 @@ def added_forms(problem: MachineTable, cause: Cause, axis: Axis) -> list[AddedFo
         return []
     column = problem.machine.letters.index(axis.letter)
     if cause.effect.searched is Searched.WAVE:
-        return [AddedForm("periods", _other_period, _other_periods(problem, cause, column))]
-    return [AddedForm("zero", _other_zero, _moved(problem, cause, column, SHIFT * float(np.ptp(axis.travel))))]
+        return [AddedForm("other periods", _other_period, _other_periods(problem, cause, column))]
+    return [AddedForm("another zero", _other_zero, _moved(problem, cause, column, SHIFT * float(np.ptp(axis.travel))))]
 
 
 def _moved(problem: MachineTable, cause: Cause, column: int, by: float) -> Array:
     """(3, n, 1) what another zero of an axis does, as large as a departure: a part of what the cause does."""
-    ahead, behind = (_shown(problem, cause, column, lambda q, way=way: q + way * by) for way in (1, -1))
-    return _as_large(ahead - behind, _shown(problem, cause, column, lambda q: q))[:, :, None]
+    place = problem.recording.positions[:, column]
+    here, ahead, behind = (_shown(problem, cause, column, place + way * by) for way in (0, 1, -1))
+    return _as_large(ahead - behind, here)[:, :, None]
 
 
 def _other_periods(problem: MachineTable, cause: Cause, column: int) -> Array:
     """(3, n, q) waves of other periods, cosine and sine each as large as a departure."""
-    linear, sizes = cause.effect.indices(Role.LINEAR), amplitude_sizes(cause)
+    linear, place = cause.effect.indices(Role.LINEAR), problem.recording.positions[:, column]
     found = []
     for period in PERIODS:
-        for index, size in zip(linear, sizes, strict=True):
+        for index, size in zip(linear, amplitude_sizes(cause), strict=True):
             alone = cause.values.copy()
             alone[linear] = 0.0
             alone[index] = SHARE * size
-            found.append(_shown(problem, cause.with_values(alone), column, lambda q, part=period: q / part))
+            found.append(_shown(problem, cause.with_values(alone), column, place / period))
     return np.stack(found, axis=2)
 
 
-def _shown(problem: MachineTable, cause: Cause, column: int, place: Callable[[Array], Array]) -> Array:
-    """(3, n) what a cause would do to the probe, m, if an axis stood elsewhere."""
+def _shown(problem: MachineTable, cause: Cause, column: int, place: Array) -> Array:
+    """(3, n) what a cause would do to the probe, m, if an axis stood at other places (n,)."""
     positions = problem.recording.positions.copy()
-    positions[:, column] = place(positions[:, column])
+    positions[:, column] = place
     poses = replace(problem.recording, positions=positions)
     return np.asarray((predict_probe(problem.machine, poses, (cause,)) - predict_probe(problem.machine, poses)).T)
 
