@@ -48,7 +48,7 @@ class Quantity:
 
 
 @dataclass(frozen=True)
-class AddedForm:
+class FormAtPoses:
     """Columns that no modulation of a cause gives.
 
     Attributes:
@@ -91,7 +91,7 @@ def departures_at_poses(
     time: Array,
     each: Mapping[str, Quantity],
     together: Mapping[str, Quantity],
-    added: Sequence[tuple[AddedForm, Rows]] = (),
+    added: Sequence[tuple[FormAtPoses, Rows]] = (),
 ) -> Departures:
     """Ways in which a cause at poses may depart: by quantities, by its own size, and slowly in time.
 

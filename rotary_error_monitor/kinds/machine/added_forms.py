@@ -11,7 +11,7 @@ from rotary_error_monitor.description.machine_parts import Axis
 from rotary_error_monitor.effects.effect import Cause, Role, Searched
 from rotary_error_monitor.effects.machine_effect import LINEAR
 from rotary_error_monitor.gap.departures import SHARE, amplitude_sizes
-from rotary_error_monitor.gap.pose_modulations import AddedForm
+from rotary_error_monitor.gap.pose_modulations import FormAtPoses
 from rotary_error_monitor.kinds.machine.table import MachineTable
 from rotary_error_monitor.twin.machine import predict_probe
 
@@ -22,7 +22,7 @@ SHIFT = 0.01
 """Part of an axis's travel by which its zero is moved to find what that does: small beside whatever varies along it."""
 
 
-def added_forms(problem: MachineTable, cause: Cause, axis: Axis) -> list[AddedForm]:
+def added_forms(problem: MachineTable, cause: Cause, axis: Axis) -> list[FormAtPoses]:
     """Those of a cause that sits on a linear axis; none of a rotary one, whose orders tell its zero.
 
     A scale is fixed somewhere else than at the zero of its axis, a guideway sags about another point than the middle of
@@ -32,8 +32,10 @@ def added_forms(problem: MachineTable, cause: Cause, axis: Axis) -> list[AddedFo
         return []
     column = problem.machine.letters.index(axis.letter)
     if cause.effect.searched is Searched.WAVE:
-        return [AddedForm("other periods", _other_period, _other_periods(problem, cause, column))]
-    return [AddedForm("another zero", _other_zero, _moved(problem, cause, column, SHIFT * float(np.ptp(axis.travel))))]
+        return [FormAtPoses("other periods", _other_period, _other_periods(problem, cause, column))]
+    return [
+        FormAtPoses("another zero", _other_zero, _moved(problem, cause, column, SHIFT * float(np.ptp(axis.travel))))
+    ]
 
 
 def _moved(problem: MachineTable, cause: Cause, column: int, by: float) -> Array:
