@@ -379,7 +379,7 @@ def _unknown(section: StageSection) -> Iterator[tuple[Place, str]]:
         part, _, parameter = name.rpartition(".")
         known = _parameters(section, part)
         if not known:
-            listed = [part for each in section.sensors if _parameters(section, part := f"sensors.{each}")]
+            listed = [place for place in map("sensors.{}".format, section.sensors) if _parameters(section, place)]
             yield (
                 ("uncertainty", name),
                 f"there is no part '{part}'; expected one of {', '.join([*PARAMETERS, *listed])}",

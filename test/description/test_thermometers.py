@@ -76,12 +76,12 @@ def test_a_name_that_stands_twice_is_refused_with_its_line(tmp_path):
         load_stage(path)
 
 
-def test_nothing_of_a_thermometer_is_uncertain_but_its_zero(tmp_path):
+def test_nothing_of_a_thermometer_is_uncertain_but_its_zero_and_how_late_it_is(tmp_path):
     path = written(tmp_path, {"bearing": OWN, "nose": PROBE})
     found = yaml.safe_load(path.read_text(encoding="utf-8"))
     found["stage"]["uncertainty"] = {"sensors.bearing.gain": 0.01}
     path.write_text(yaml.safe_dump(found), encoding="utf-8")
-    told = r"there is no part 'sensors\.bearing'; expected one of .*sensors\.nose$"
+    told = r"sensors\.bearing has no 'gain'; expected one of timing$"
     with pytest.raises(InputError, match=told) as caught:
         load_stage(path)
     assert re.search(r"stage\.yaml:\d+: ", str(caught.value))

@@ -29,9 +29,9 @@ def fitted(monkeypatch):
     """Names of the causes of each set that is fitted with its departures, one after the other."""
     names = []
 
-    def noted(problem, fit, false_alarms=1.0):
-        names.append((tuple(cause.key for cause in fit.causes), false_alarms))
-        return with_departures(problem, fit, false_alarms)
+    def noted(problem, fit, false_alarms=1.0, without=()):
+        names.append((tuple(cause.key for cause in fit.causes), false_alarms, frozenset(without)))
+        return with_departures(problem, fit, false_alarms, without)
 
     monkeypatch.setattr(fitted_sets, "with_departures", noted)
     return names

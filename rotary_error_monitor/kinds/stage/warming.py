@@ -44,8 +44,9 @@ def uncertain_warmings(twin: StageTwin, recording: StageRecording) -> tuple[Othe
     elif np.any(twin.stage.spindle.radial_thermal):
         read = recording.streams[TEMPERATURE]
         zero = twin.stage.uncertainty.get(OWN_THERMOMETER, class_b_uncertainty(float(np.mean(read.values))))
-        behind = _behind(twin.inputs.warming, read, twin.stage.uncertainty.get(f"{OWN_THERMOMETER}_timing", RESPONSE))
-        courses = [*_misread(read, zero), behind, *_unread(read, recording.duration)]
+        constant = twin.stage.uncertainty.get(f"{OWN_THERMOMETER}_timing", RESPONSE)
+        late = _behind(twin.inputs.warming, read, constant)
+        courses = [*_misread(read, zero), *late, *_unread(read, recording.duration)]
     else:
         courses = []
     whole = (OtherTwin(twin, Warmed(course)) for course in courses)
@@ -62,7 +63,7 @@ def _of_places(twin: StageTwin, recording: StageRecording) -> Iterator[tuple[str
         yield from ((place, course) for course in _misread(known, sensor.uncertainty, sensor.resolution))
         if place in stated:  # a cause that is looked for lags by a departure of its own
             constant = twin.stage.uncertainty.get(f"sensors.{place}.timing", RESPONSE)
-            yield place, _behind(twin.inputs.warmings[place], known, constant)
+            yield from ((place, course) for course in _behind(twin.inputs.warmings[place], known, constant))
         yield from ((place, course) for course in _unread(known, recording.duration))
     for place in sorted(stated - {"", *read}):
         yield from ((place, course) for course in _unknown(recording.duration))
@@ -83,8 +84,8 @@ def _misread(read: SignalStream, zero: float, resolution: float = 0.0) -> Iterat
     yield from (_between(at, way) for at, way in found.ways(zero, NOISY_COURSES))
 
 
-def _behind(warming: Course, read: SignalStream, constant: float) -> Course:
-    """By how much a place is warmer, K, than a thermometer that follows it with a time constant, s.
+def _behind(warming: Course, read: SignalStream, constant: float) -> Iterator[Course]:
+    """By how much a place is warmer, K, than a thermometer that follows it with a time constant, s, if it has one.
 
     Of first order, that is the constant times how fast the readings rise.
     """
@@ -94,7 +95,8 @@ def _behind(warming: Course, read: SignalStream, constant: float) -> Course:
         within = np.clip(time, first + _SLOPE, max(last - _SLOPE, first + _SLOPE))
         return constant * (warming(within + _SLOPE) - warming(within - _SLOPE)) / (2 * _SLOPE)
 
-    return course
+    if constant:
+        yield course
 
 
 def _between(at: Array, values: Array) -> Course:
