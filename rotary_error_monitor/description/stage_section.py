@@ -257,8 +257,7 @@ class StageSection(Section):
             "that of class B of IEC 60751, and environment.thermometer_timing, of how far it is behind the stage in "
             "s, 5.0 each unless stated, as sensors.bearing.timing of a listed one; environment.load_cell, of its zero "
             "in N, environment.load_cell_gain and environment.load_cell_timing, of the force on the shaft in parts of "
-            "it and of its stamps in s, unless "
-            "stated up to 1 % of the rated output, and a sample"
+            "it and of its stamps in s, unless stated up to 1 % of the rated output, and a sample"
         ),
     ] = field(default_factory=dict)
     calibration: Annotated[
@@ -394,6 +393,8 @@ def _parameters(section: StageSection, part: str) -> tuple[str, ...]:
     if head != "sensors":
         return PARAMETERS.get(part, ())
     sensor = section.sensors.get(listed)
-    if sensor is None or sensor.is_input:
-        return ("timing",) if sensor is not None and sensor.measures == PLACE_TEMPERATURE else ()
+    if sensor is None:
+        return ()
+    if sensor.is_input:
+        return ("timing",) if sensor.measures == PLACE_TEMPERATURE else ()
     return ("gain", *listed_sensor(sensor).place, "zero", "timing")

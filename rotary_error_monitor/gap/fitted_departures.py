@@ -58,7 +58,7 @@ class FittedDepartures:
         return max(self._share(fair), math.hypot(*(self._share(np.where(own, fair, 0.0)) for _, own in self._kinds())))
 
     def cancelling(self) -> list[str]:
-        """Kinds that cancel one another: those of which less would be left without one, the largest first."""
+        """The two largest kinds, where all are far larger than what they do together; else none."""
         shares = self.shares()
         if self.size() <= CANCELLED * max(self.share(), SHARE):
             return []

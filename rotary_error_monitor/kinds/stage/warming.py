@@ -25,7 +25,6 @@ GAP = 3.5
 NOISY_COURSES = 8
 """Slow courses in which a smoothed thermometer errs: it passes about seven, faster ones are smoothed away."""
 
-
 RESPONSE = 5.0
 """Standard uncertainty of how long a thermometer is behind its place, s, where nobody states one.
 
