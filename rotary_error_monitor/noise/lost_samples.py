@@ -103,6 +103,12 @@ def turning_points(command: SignalStream) -> Array:
     return spans if rare else np.zeros((0, 2))
 
 
+def in_motion(command: SignalStream, time: Array) -> Mask:
+    """(m,) whether a command says at times (m,) that the rotor turns."""
+    speed = np.abs(command.values[:, 1])
+    return np.asarray(np.interp(time, command.time, speed > AT_REST) > 0.0, bool)
+
+
 def inside(time: Array, spans: Array) -> NDArray[np.bool_]:
     """(m,) whether times (m,) lie inside any of the spans (n, 2)."""
     begun = np.searchsorted(np.sort(spans[:, 0]), time, side="left")

@@ -33,11 +33,12 @@ from rotary_error_monitor.description.streams import COMMAND
 from rotary_error_monitor.effects.rotor import HEAD
 from rotary_error_monitor.noise.channels import channels_of, noise_std
 from rotary_error_monitor.noise.head_grid import HeadRows, align_heads, rate_of, weight_of_rows
-from rotary_error_monitor.noise.jitter import Jitter
+from rotary_error_monitor.noise.jitter import Jitter, JitterFilter
 from rotary_error_monitor.noise.lost_samples import (
     apart_between_samples,
     between_samples,
     bridge,
+    in_motion,
     input_gaps,
     inside,
     turning_points,
@@ -45,7 +46,7 @@ from rotary_error_monitor.noise.lost_samples import (
 from rotary_error_monitor.noise.slow_noise import Cells, SlowNoise, cells_of
 from rotary_error_monitor.noise.spikes import find_head_spikes, find_spikes
 from rotary_error_monitor.noise.turbulence import drift_predictors
-from rotary_error_monitor.noise.whitening import Whitener, few_at_once, predictor, runs_of, segments_of
+from rotary_error_monitor.noise.whitening import Whitener, few_at_once, runs_of, segments_of
 from rotary_error_monitor.sensors.library import instrument_of, sensor_of
 from rotary_error_monitor.twin.recording import SignalStream, StageRecording
 
@@ -66,6 +67,8 @@ class StageNoise:
         std: standard deviation of one sample of each instrument, rounding included: see `noise_std`.
         levels: how many times what the stage states that is.
         lines: (k,) frequencies, Hz, of the jitter's own lines.
+        moving: (m,) instants of the heads at which the rotor is commanded to turn.
+        row_weight: (m,) weight of the heads' rows.
         uncommanded: (m,) instants of the heads at which the command is not known to the noise of their mean.
     """
 
@@ -92,17 +95,18 @@ class StageNoise:
         self.spikes = self._find_spikes(stage, residual, command, apart)
         self._present = self._heads_present()
         self.uncommanded = between_samples(command, self.grid.time, least) | apart
-        self._row_weight = np.where(apart, 0.0, weight_of_rows(self.grid, self._weights))
+        self.row_weight = np.where(apart, 0.0, weight_of_rows(self.grid, self._weights))
         for name in self.grid.heads:  # filters go on over turning points, as over a command that is not known
             rows = self.grid.rows_of(name, inside(recording.streams[name].time, turning))
-            self._row_weight[rows], self.uncommanded[rows] = 0.0, True
+            self.row_weight[rows], self.uncommanded[rows] = 0.0, True
         self._turbulence = {name: sensor_of(name).turbulence(stage) for name in self._sensors}
         self._kept_heads: HeadRows | None = None
+        self._kept_filter: JitterFilter | None = None
         self._kept_line_basis: Array | None = None
         self._kept_cells: dict[str, Cells] = {}
         self._kept_slow: dict[str, SlowNoise] = {}
         self._whiteners = self._turbulence_filters()
-        self._command_whitener = self._command_filter()
+        self.moving = in_motion(command, self.grid.time)
 
     def with_levels(self, levels: Mapping[str, float]) -> None:
         """Take the noise of instruments for so many times what the stage states."""
@@ -115,7 +119,7 @@ class StageNoise:
     def with_jitter(self, jitter: Jitter, lines: Array | None = None) -> None:
         """Take another spectrum of the jitter, and frequencies (k,) in Hz at which it holds lines of its own."""
         self.jitter = jitter
-        self._command_whitener = self._command_filter()
+        self._kept_filter = None
         self.lines = np.zeros(0) if lines is None else lines
         self.forget()
 
@@ -193,9 +197,10 @@ class StageNoise:
     def _shared_rows(self, mean: Array) -> Array:
         """Whitened rows (m, p) of what the heads share (m, p)."""
         enough = segments_of(self._enough)
-        rows = self._command_whitener.apply(bridge(mean, self.uncommanded), enough)
-        rows *= (self._heads.weight * ~self.uncommanded)[:, None]
-        return rows
+        rows = self._command_filter.apply(bridge(mean, self.uncommanded), enough)
+        weight = self._heads.weight * ~self.uncommanded
+        rows *= weight[:, None]
+        return self._command_filter.without_holds(rows, weight)
 
     @property
     def command_floor(self) -> float:
@@ -273,7 +278,7 @@ class StageNoise:
         expected = {name: present[:, i] * share for i, name in enumerate(self.grid.heads)}
         ones = np.ones((len(self.grid.time), 1))
         enough = segments_of(self._enough)
-        seen = (self._command_whitener.apply(ones, enough)[:, 0] != 0) & ~self.uncommanded
+        seen = (self._command_filter.apply(ones, enough)[:, 0] != 0) & ~self.uncommanded
         expected[COMMAND] = seen * weight
         basis = self._line_basis
         if basis is not None:
@@ -339,7 +344,7 @@ class StageNoise:
     @property
     def _heads(self) -> HeadRows:
         if self._kept_heads is None:
-            self._kept_heads = HeadRows.of(self.grid, self._present, self._row_weight, self._head_times)
+            self._kept_heads = HeadRows.of(self.grid, self._present, self.row_weight, self._head_times)
         return self._kept_heads
 
     @property
@@ -394,8 +399,8 @@ class StageNoise:
         white = {name: self.std[instrument_of(name)] for name in self._sensors}
         return drift_predictors(self._turbulence, white, self._streams)
 
-    def _command_filter(self) -> Whitener:
-        if not self.grid.heads:  # no rows that it would make white
-            return Whitener(np.ones(1), 0)
-        floor = self.command_floor
-        return predictor(lambda frequency: self.jitter.density(frequency) + floor, self.grid.period)
+    @property
+    def _command_filter(self) -> JitterFilter:
+        if self._kept_filter is None:
+            self._kept_filter = JitterFilter(self.jitter, self.command_floor, self.grid.period, self.moving)
+        return self._kept_filter

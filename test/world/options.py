@@ -26,6 +26,7 @@ class Options:
         start_angle: angle of the command in rad at the begin.
         start_ns: timestamp (ns) at which the recording begins.
         jitter: factor of the rotor's jitter about the command, which has a standard deviation near 2e-6 rad.
+        brake: whether a brake holds the rotor, where the jitter has it, while the command stands.
         following_error: by how much the rotor stands off its command at rest in rad.
         drive_lag: how long after its command the rotor turns in s.
         drive_give: by how much the rotor stays behind its command per acceleration of that, in s².
@@ -62,6 +63,7 @@ class Options:
     start_angle: float | None = None
     start_ns: int | None = None
     jitter: float = 1.0
+    brake: bool = False
     following_error: float = 0.0
     drive_lag: float = 0.0
     drive_give: float = 0.0

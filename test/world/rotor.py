@@ -63,6 +63,7 @@ class Rotor:
         rng = seeds.generator("jitter")
         self._jitter = Smooth(rng, duration, rng.uniform(5.0, 18.0))
         self._jitter_size = options.jitter * 2e-6 * rng.uniform(0.5, 1.3)
+        self._turned_for = _time_in_motion(self.motion, duration) if options.brake else None
         self._behind, self._late = options.following_error, options.drive_lag
         self._give = _drive_give(self.motion, duration, options) if options.drive_give else None
         spindle = stage.get("spindle", {})
@@ -80,7 +81,8 @@ class Rotor:
 
     def at(self, times: Array) -> Components:
         """Components at `times` (n,) in s since the begin."""
-        jitter = self._jitter_size * self._jitter(times)[:, 0] if self._jitter_size else np.zeros(len(times))
+        free = times if self._turned_for is None else self._turned_for(times)
+        jitter = self._jitter_size * self._jitter(free)[:, 0] if self._jitter_size else np.zeros(len(times))
         if self._behind or self._late:
             jitter = jitter + self._behind + self.motion.angle(times - self._late) - self.motion.angle(times)
         if self._give is not None:
@@ -98,6 +100,14 @@ class Rotor:
             moved[:, :2] += self.environment.warmth_of(place, times)[:, None] * np.array(drift)
         exc, eyc, ezc, eac, ebc = np.ascontiguousarray(moved.T)
         return Components(theta, exc, eyc, ezc, eac, ebc, jitter)
+
+
+def _time_in_motion(motion: Motion, duration: float) -> Callable[[Array], Array]:
+    """For how long (s) the command has moved until times (n,) in s since the begin."""
+    step = 1e-3
+    grid = np.arange(-1.0, duration + 1.0, step)
+    passed = step * np.cumsum(np.abs(motion.velocity(grid)) > 1e-6)
+    return lambda times: np.asarray(np.interp(times, grid, passed), float)
 
 
 def _drive_give(motion: Motion, duration: float, options: Options) -> Callable[[Array], Array]:

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 from scipy.ndimage import median_filter
-from scipy.optimize import Bounds, minimize, minimize_scalar
+from scipy.optimize import Bounds, brentq, minimize, minimize_scalar
 
 from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.gap.noise_level import NOISIER
 from rotary_error_monitor.gap.orders import order_spectrum
 from rotary_error_monitor.gap.p_values import NORMAL_QUARTILE, chi_square_median
 from rotary_error_monitor.kinds.stage.search import LINES
-from rotary_error_monitor.noise.jitter import Jitter
+from rotary_error_monitor.noise.jitter import Jitter, JitterFilter, holds
 from rotary_error_monitor.noise.lost_samples import bridge
 from rotary_error_monitor.noise.whitening import predictor
 
@@ -55,6 +56,12 @@ _SHAPE = 2.0
 STRETCH = 2000
 """Samples of one stretch of the averaged periodogram."""
 
+PARTS = 20
+"""Parts of a recording between which sizes of a jitter scatter."""
+
+LEAST_ROWS = 10 * PARTS
+"""Rows of full weight from which the size of a jitter is told: each part of them to a third."""
+
 
 @dataclass(frozen=True)
 class SharedMotion:
@@ -65,6 +72,8 @@ class SharedMotion:
         command: (n,) commanded rotation, rad.
         values: (n,) shared residual, rad.
         known: (n,) where enough heads were present.
+        moving: (n,) where the rotor is commanded to turn.
+        weight: (n,) of each value: less where the heads show the same count again and again.
         smooth: (n, p) slow functions of the commanded motion, which drive effects resemble.
         floor: one-sided density of the readings' noise, rad^2/Hz.
     """
@@ -73,6 +82,8 @@ class SharedMotion:
     command: Array
     values: Array
     known: NDArray[np.bool_]
+    moving: NDArray[np.bool_]
+    weight: Array
     smooth: Array
     floor: float
     _waves: dict[tuple[str, float], Array] = field(default_factory=dict, init=False, repr=False, compare=False)
@@ -132,7 +143,59 @@ def estimate_jitter(motion: SharedMotion) -> tuple[Jitter, Array]:
     first = _spectrum(motion, left)
     # Least squares that take jitter for white add narrow functions to it, such as of a reversal, by what it chances to
     # be there: spikes, which have power at all frequencies.
-    return _spectrum(motion, _without_coloured(motion, frequencies, orders, first)), frequencies
+    left = _without_coloured(motion, frequencies, orders, first)
+    return _with_sizes(motion, left, _spectrum(motion, left)), frequencies
+
+
+def _with_sizes(motion: SharedMotion, left: Array, jitter: Jitter) -> Jitter:
+    """A jitter that is larger in motion, or at rest, where what is left (n,) is more than that of both together."""
+    whole = bridge(left[:, None], ~motion.known)
+    sizes = [_size(motion, whole, jitter, state & motion.known) for state in (motion.moving, ~motion.moving)]
+    sized = replace(jitter, in_motion=sizes[0], at_rest=sizes[1])
+    return replace(sized, is_held=_is_held(motion, sized))
+
+
+def _is_held(motion: SharedMotion, jitter: Jitter) -> bool:
+    """Whether the rotor rather stood at each stop than jittered on: its readings scatter no more than their noise does.
+
+    The stop in the middle tells: what happens at a few of them is no jitter. Nothing is taken out of what the heads
+    share, for functions of the motion are as many as the stops of a recording.
+    """
+    white = JitterFilter(jitter, motion.floor, motion.period, motion.moving)
+    whole, reading = bridge(motion.values[:, None], ~motion.known), np.sqrt(motion.floor / (2 * motion.period))
+    new = white.apply(whole, [slice(0, len(whole))])[:, 0]
+    weight = motion.weight * (motion.known & (new != 0.0))
+    log_odds = []
+    for stop, along, _ in holds(~motion.moving, weight, white.held):
+        values, own = whole[stop, 0] / reading, np.square(weight[stop])
+        scatter = float(own @ np.square(values)) - float(along @ (weight[stop] * values)) ** 2
+        jittering = float(own @ np.square(new[stop])) + 2 * float(own.sum() * np.log(white.unforeseen / reading))
+        log_odds.append(0.5 * (jittering - scatter))
+    return len(log_odds) > 0 and float(np.median(log_odds)) > 0.0
+
+
+def _size(motion: SharedMotion, whole: Array, jitter: Jitter, state: NDArray[np.bool_]) -> float:
+    """How many times as large a jitter is in one state (n,) as over the whole recording.
+
+    It is at most as large as if there were none in the other. What is looked at are parts of the recording of the same
+    weight, and of those the one in the middle, for what happens in a few of them is no jitter.
+    """
+    weight = np.square(motion.weight) * state
+    total = float(weight.sum())
+    if total < LEAST_ROWS:
+        return 1.0
+    parts = np.minimum(np.cumsum(weight) / total * PARTS, PARTS - 1).astype(np.intp)
+    each = np.bincount(parts, weight, PARTS)
+
+    def louder(times: float) -> float:
+        white = JitterFilter(jitter.times(times), motion.floor, motion.period, motion.moving)
+        squares = np.square(white.apply(whole, [slice(0, len(whole))])[:, 0]) * weight
+        return float(np.median(np.bincount(parts, squares, PARTS) / each)) - 1.0
+
+    if louder(1.0) < max(NOISIER, 5 / np.sqrt(total)):
+        return 1.0
+    largest = float(np.sqrt(np.count_nonzero(motion.known) / np.count_nonzero(state)))
+    return largest if louder(largest) > 0 else float(brentq(louder, 1.0, largest, rtol=NOISIER / 2))
 
 
 def _spectrum(motion: SharedMotion, left: Array) -> Jitter:

@@ -125,10 +125,8 @@ class NoiseLearning:
         if not noise.grid.heads:
             return False
         jitter, lines = self.estimate_jitter(self._problem.raw_residual(causes))
-        frequency = np.linspace(0.5, 40.0, 80)
-        floor = noise.command_floor
-        ratio = (jitter.density(frequency) + floor) / (noise.jitter.density(frequency) + floor)
-        if float(np.mean(np.abs(np.log(ratio)))) < SAME_SPECTRUM and self._are_known(lines):
+        same = jitter.is_held == noise.jitter.is_held
+        if same and _apart(jitter, noise.jitter, noise.command_floor) < SAME_SPECTRUM and self._are_known(lines):
             return False
         noise.with_jitter(jitter, lines)
         self._expected.clear()
@@ -151,7 +149,8 @@ class NoiseLearning:
         key = sha256(values.tobytes()).digest()
         if self._jitter is None or self._jitter[:2] != (key, floor):
             command = np.asarray(self._problem.twin.inputs.command(grid.time), np.float64)
-            motion = SharedMotion(grid.time, command, values, enough, self._search.motion_basis(grid.time), floor)
+            basis, noise = self._search.motion_basis(grid.time), self._problem.noise
+            motion = SharedMotion(grid.time, command, values, enough, noise.moving, noise.row_weight, basis, floor)
             self._jitter = key, floor, estimate_jitter(motion)
         return self._jitter[2]
 
@@ -224,6 +223,16 @@ class NoiseLearning:
         motion = self._search.motion_basis(time)[:, 1:]
         outer = np.column_stack([inputs.warming(time), inputs.force(time)])
         return np.asarray(np.concatenate([motion, outer - outer.mean(axis=0)], axis=1), np.float64)
+
+
+def _apart(jitter: Jitter, other: Jitter, floor: float) -> float:
+    """Mean difference of the spectra of two jitters above a floor, as a logarithm: in that state where it is more."""
+    frequency = np.linspace(0.5, 40.0, 80)
+    pairs = ((jitter.in_motion, other.in_motion), (jitter.at_rest, other.at_rest))
+    both = [
+        (jitter.times(a).density(frequency) + floor) / (other.times(b).density(frequency) + floor) for a, b in pairs
+    ]
+    return max(float(np.mean(np.abs(np.log(ratio)))) for ratio in both)
 
 
 def _by_instrument(tracks: Iterable[Track]) -> dict[str, list[Track]]:

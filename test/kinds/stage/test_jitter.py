@@ -21,9 +21,15 @@ def noise():
     return NOISE * np.random.default_rng(2).normal(size=COUNT)
 
 
+def shared_motion(values, smooth, floor, known=None, command=COMMAND):
+    """Of a rotor that always turns."""
+    always = np.ones(len(values), bool)
+    known = always if known is None else known
+    return SharedMotion(TIME[: len(values)], command[: len(values)], values, known, always, 1.0 * always, smooth, floor)
+
+
 def motion(values):
-    smooth = np.stack([np.ones(COUNT), np.sign(SPEED)], axis=1)
-    return SharedMotion(TIME, COMMAND, values, np.ones(COUNT, bool), smooth, 2 * PERIOD * NOISE**2)
+    return shared_motion(values, np.stack([np.ones(COUNT), np.sign(SPEED)], axis=1), 2 * PERIOD * NOISE**2)
 
 
 def test_smooth_jitter_has_its_spectrum(noise):
@@ -61,7 +67,7 @@ def test_at_one_speed_an_order_is_no_more_than_a_line(noise, ramp):
     command = 2.0 * TIME + ramp * np.exp(-TIME)
     values = 1e-6 * np.cos(40 * command) + noise
     smooth = np.ones((COUNT, 1))
-    steady = SharedMotion(TIME, command, values, np.ones(COUNT, bool), smooth, 2 * PERIOD * NOISE**2)
+    steady = shared_motion(values, smooth, 2 * PERIOD * NOISE**2, command=command)
     _, lines = estimate_jitter(steady)
     if ramp:
         assert len(lines) == 0
@@ -166,8 +172,7 @@ def test_a_motion_that_is_not_known_for_moments_has_no_power_at_all_frequencies(
         known[first : first + 3] = False
     values = np.where(known, jitter + noise * draw.normal(size=COUNT), 0.0)
     floor = 2 * PERIOD * noise**2
-    shared = SharedMotion(TIME, COMMAND, values, known, np.ones((COUNT, 1)), floor)
-    found, _ = estimate_jitter(shared)
+    found, _ = estimate_jitter(shared_motion(values, np.ones((COUNT, 1)), floor, known))
     frequency, power = welch(jitter, 1 / PERIOD, nperseg=1000)
     band = (frequency > 0.5) & (frequency < 7.0)
     assert np.mean(found.density(frequency[band])) == pytest.approx(np.mean(power[band]), rel=0.3)
@@ -190,8 +195,7 @@ def test_a_spectrum_of_few_stretches_is_no_lower_than_it_is(count):
         draw = np.random.default_rng(seed)
         jitter, density = low_passed(draw, count, 9.0)
         values, constant, floor = jitter + NOISE * draw.normal(size=count), np.ones((count, 1)), 2 * PERIOD * NOISE**2
-        shared = SharedMotion(TIME[:count], COMMAND[:count], values, np.ones(count, bool), constant, floor)
-        found, _ = estimate_jitter(shared)
+        found, _ = estimate_jitter(shared_motion(values, constant, floor))
         frequency = np.linspace(1.0, 7.0, 40)
         ratios.append(np.mean(np.log(found.density(frequency) / density(frequency))))
     # of forty, each of some 25 values that scatter by a factor e
@@ -207,5 +211,5 @@ def test_what_acts_for_a_moment_adds_nothing_to_a_jitter_that_moves_slowly():
         jitter, _ = low_passed(draw, COUNT, 5.0)
         values = jitter + NOISE / 10 * draw.normal(size=COUNT)
         floor = 2 * PERIOD * (NOISE / 10) ** 2
-        found, _ = estimate_jitter(SharedMotion(TIME, COMMAND, values, np.ones(COUNT, bool), narrow, floor))
+        found, _ = estimate_jitter(shared_motion(values, narrow, floor))
         assert np.all(found.density(beyond) < floor)
