@@ -101,8 +101,9 @@ class Departures:
     made_for: Array = field(default_factory=lambda: np.zeros(0))
 
     def chosen(self, places: Sequence[int]) -> Departures:
-        """Some of the columns."""
+        """Some of the columns; what is proportional to a quantity without those that make it so is no more."""
         index = np.asarray(places, np.intp)
+        whole = [values for values in self.proportional if np.count_nonzero(values[index]) == np.count_nonzero(values)]
         return Departures(
             self.cause,
             tuple(self.kinds[i] for i in places),
@@ -110,7 +111,7 @@ class Departures:
             self.changes[index],
             columns_at(self.columns, index),
             tuple(self.effects[i] for i in places) if self.effects else (),
-            tuple(values[index] for values in self.proportional),
+            tuple(values[index] for values in whole),
             self.whole,
             self.made_for,
         )

@@ -83,14 +83,17 @@ class ThermometerCourse:
         at = np.where(present, means[0], time[0] + span / rounds * np.arange(len(read)))
         return cls(at, course, (float(time[0]), float(time[-1])), jumps)
 
-    def ways(self, zero: float, most: int) -> Iterator[tuple[Array, Array]]:
+    def ways(self, zero: float, most: int, least: float = np.inf) -> Iterator[tuple[Array, Array]]:
         """Times (m,), s, and what it may be wrong by then (m,), K, in independent ways of one standard deviation each.
 
         By a zero of a standard uncertainty, K, and how the thermometer rounds; by what noise and steps leave open, the
-        largest `most` of it; by the size of each jump.
+        largest `most` of it and all others of a root mean square of `least`, K; by the size of each jump.
         """
         apart = sum(jump.size for jump in self.jumps)
-        yield from ((self.time, way) for way in self.course.ways(float(np.hypot(zero, apart / 2)))[:, : 1 + most].T)
+        ways = self.course.ways(float(np.hypot(zero, apart / 2)))
+        noisy = np.sqrt(np.mean(np.square(ways), axis=0)) >= least
+        noisy[: 1 + most] = True
+        yield from ((self.time, way) for way in ways[:, noisy].T)
         for jump in self.jumps:
             ends = np.array([self.reach[0], jump.moment, np.nextafter(jump.moment, np.inf), self.reach[1]])
             yield ends, jump.std * np.array([-0.5, -0.5, 0.5, 0.5])

@@ -172,6 +172,28 @@ def test_what_is_proportional_to_a_quantity_that_is_none_where_a_cause_acts_is_n
             assert odds < -0.4 * COUNT * size**2, "the cause explains its own squares, and nothing none"
 
 
+def test_without_some_of_its_columns_nothing_is_proportional_to_a_quantity(rng):
+    """Of a kind that was left out all values were zero, and the diagnosis ended with an IndexError."""
+    column = rng.normal(size=(COUNT, 1))
+    problem = DepartingProblem({"x": column}, {})
+    problem.offer({"first": {"x": column}})
+    (candidate,) = problem.candidates({}, ())
+    cause = candidate.cause(np.ones(1))
+    sizes, around = amplitude_sizes(cause), np.cos(np.arange(COUNT))
+    modulations = [Modulation("load", around, str, True, 3.0), Modulation("place", around, str, True)]
+    apart = modulated(column[:, :, None], cause.values[:1], sizes, modulations)[:, 0]
+    told, proportional = spread_out(modulations, cause.values[:1], sizes), in_proportion(modulations, sizes)
+    offered = Departures(0, *told, {"x": apart}, proportional=proportional)
+    assert len(offered.proportional) == 1
+    for places, many in (((1,), 0), ((0,), 1), ((1, 0), 1)):
+        some = offered.chosen(places)
+        assert len(some.proportional) == many and all(values.any() for values in some.proportional)
+        table = np.hstack([column, apart[:, list(places)]])
+        total = Normal(table.T @ table, table.T @ problem.residual(())["x"][:, 0], 0.0, COUNT)
+        (odds,) = log_odds_in_proportion(total, 0, [cause], [some], set())
+        assert np.isfinite(odds) == bool(many)
+
+
 def test_what_no_effect_describes_is_noise_to_whether_a_cause_is_proportional(rng):
     """Beside thirty times the noise chance takes and gives squares by the hundred: odds were 6000."""
     odds = []

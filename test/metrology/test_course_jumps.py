@@ -64,6 +64,16 @@ def test_which_side_of_a_jump_is_right_is_not_known():
     assert len(list(plain.ways(0.2, 8))) == 9 == len(list(jumping.ways(0.2, 8))) - 1
 
 
+def test_of_what_noise_leaves_open_all_counts_that_is_as_large_as_asked_for():
+    warm, read, _ = drawn(5, (0.0,), (0.015,))
+    course = ThermometerCourse.of(TIME, read(warm))
+    sizes = [float(np.sqrt(np.mean(way**2))) for _, way in course.ways(0.2, 2, 0.0)]
+    assert sizes[0] == pytest.approx(0.2, rel=0.05) and sizes[1:] == sorted(sizes[1:], reverse=True)
+    for many in (1, 5, 12):
+        found = [float(np.sqrt(np.mean(way**2))) for _, way in course.ways(0.2, 2, (1 - 1e-9) * sizes[many])]
+        assert found == sizes[: max(many, 2) + 1]
+
+
 def test_what_was_not_read_may_have_changed():
     """Of one read every 2 s, or not at all for 8 s, a change by 1 K is none."""
     warm, read, _ = drawn(4, (0.0,), (0.015,))

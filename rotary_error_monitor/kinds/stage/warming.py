@@ -16,6 +16,7 @@ from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.kinds.stage.other_twin import Course, OtherTwin, Warmed
 from rotary_error_monitor.metrology.thermometer_course import ThermometerCourse, class_b_uncertainty
 from rotary_error_monitor.metrology.unread_temperature import UNKNOWN_COURSES, UNKNOWN_WARMING, unknown_warming
+from rotary_error_monitor.sensors.library import sensor_of
 from rotary_error_monitor.twin.recording import SignalStream, StageRecording
 from rotary_error_monitor.twin.stage import StageTwin
 
@@ -23,7 +24,12 @@ GAP = 3.5
 """Samples of a thermometer that may be missing at either end, as in a stream that has lost none."""
 
 NOISY_COURSES = 8
-"""Slow courses in which a smoothed thermometer errs: it passes about seven, faster ones are smoothed away."""
+"""Slow courses in which a smoothed thermometer errs that always count: a cause may go with it of which the twin says
+nothing."""
+
+UNSEEN = 0.5
+"""Standard deviations of noise by which all readings of a recording together show a course in which a thermometer errs,
+below which it is left out: it adds a quarter to the variance of what is as that course."""
 
 RESPONSE = 5.0
 """Standard uncertainty of how long a thermometer is behind its place, s, where nobody states one.
@@ -45,7 +51,8 @@ def uncertain_warmings(twin: StageTwin, recording: StageRecording) -> tuple[Othe
         zero = twin.stage.uncertainty.get(OWN_THERMOMETER, class_b_uncertainty(float(np.mean(read.values))))
         constant = twin.stage.uncertainty.get(f"{OWN_THERMOMETER}_timing", RESPONSE)
         late = _behind(twin.inputs.warming, read, constant)
-        courses = [*_misread(read, zero), *late, *_unread(read, recording.duration)]
+        seen = _seen(twin, "")
+        courses = [*_misread(read, seen, zero), *late, *_unread(read, recording.duration)]
     else:
         courses = []
     whole = (OtherTwin(twin, Warmed(course)) for course in courses)
@@ -59,7 +66,8 @@ def _of_places(twin: StageTwin, recording: StageRecording) -> Iterator[tuple[str
     stated = {cause.location for cause in twin.known if isinstance(cause.effect, StageEffect) and cause.effect.warms}
     for place, stream in read.items():
         sensor, known = twin.stage.inputs[stream], recording.streams[stream]
-        yield from ((place, course) for course in _misread(known, sensor.uncertainty, sensor.resolution))
+        seen = _seen(twin, place)
+        yield from ((place, course) for course in _misread(known, seen, sensor.uncertainty, sensor.resolution))
         if place in stated:  # a cause that is looked for lags by a departure of its own
             constant = twin.stage.uncertainty.get(f"sensors.{place}.timing", RESPONSE)
             yield from ((place, course) for course in _behind(twin.inputs.warmings[place], known, constant))
@@ -77,10 +85,28 @@ def _unknown(last: float) -> list[Course]:
     return [course(power) for power in range(UNKNOWN_COURSES)]
 
 
-def _misread(read: SignalStream, zero: float, resolution: float = 0.0) -> Iterator[Course]:
-    """By its zero, of a standard uncertainty, K, and how it rounds; then what noise, steps and jumps leave open."""
+def _seen(twin: StageTwin, place: str) -> float:
+    """Standard deviations of noise by which all readings of a recording together show one degree more."""
+    warmer = OtherTwin(twin, Warmed(np.ones_like, place)).predict(())
+    squares = 0.0
+    for name, values in twin.predict(()).items():
+        std = sensor_of(name).noise(twin.stage, name)
+        squares += float(np.sum(np.square((warmer[name] - values) / std))) if std else 0.0
+    return float(np.sqrt(squares))
+
+
+def _misread(read: SignalStream, seen: float, zero: float, resolution: float = 0.0) -> Iterator[Course]:
+    """By its zero, of a standard uncertainty, K, and how it rounds; then what noise, steps and jumps leave open.
+
+    Args:
+        read: by a thermometer.
+        seen: standard deviations of noise by which the recording shows one degree.
+        zero: standard uncertainty, K.
+        resolution: K.
+    """
     found = ThermometerCourse.of(read.time, read.values[:, 0], resolution)
-    yield from (_between(at, way) for at, way in found.ways(zero, NOISY_COURSES))
+    least = UNSEEN / seen if seen else np.inf
+    yield from (_between(at, way) for at, way in found.ways(zero, NOISY_COURSES, least))
 
 
 def _behind(warming: Course, read: SignalStream, constant: float) -> Iterator[Course]:
