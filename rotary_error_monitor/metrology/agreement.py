@@ -28,6 +28,18 @@ LEAST_RATIO = 4.0
 rest on increments that are independent and normal, which those of a real rotor are only roughly."""
 
 
+STEPS = 6.0
+"""Standard deviations of its usual changes by which the contradiction changes where a fault begins."""
+
+FEWEST_CHANGES = 20
+"""Changes from which it is known what is usual: to a fifth."""
+
+SMALLEST_PART = 0.02
+"""Part of a fault below which motions that differ are the same: a rotor that stands shows whole counts."""
+
+QUARTILE = 0.6745
+"""Below which half of the normal numbers of standard deviation one are, without sign."""
+
 FAR = 3.0
 """How many times what the stage can do a motion must be that it cannot have made, for limits are known to a factor, no
 better. What is left without the wrong head must be as far below that: a wrong rotation puts what is described, such as
@@ -77,6 +89,48 @@ def isolate_head(layout: HeadLayout, motion: Array, parity: Array, lag: int) -> 
     if ratio < LEAST_RATIO or 0.5 * steps / lag * math.log(ratio) < ODDS:
         return None
     return Isolation(best, _course(layout.parity[:, best], parity))
+
+
+def isolate_step(layout: HeadLayout, motion: Array, parity: Array, lag: int) -> Isolation | None:
+    """The head whose steps explain what the motion does where the contradiction steps; None where that does not tell.
+
+    Each component counts by what it usually changes by, as the median of its changes tells: rotation jitters by more
+    than noise moves the radial motion. So a step of a few counts is told from what `isolate_head` finds no rougher.
+
+    Args:
+        layout: the heads that were read.
+        motion: (n, 3) as in `isolate_head`.
+        parity: (n, redundancy) contradiction of the heads, rad.
+        lag: steps over which changes are looked at.
+    """
+    seen = np.isfinite(motion).all(axis=0)
+    moved, changed = (values[lag:] - values[:-lag] for values in (motion[:, seen], parity))
+    candidates = [i for i in range(len(layout.azimuths)) if _can_do_without(layout, i)]
+    if len(moved) < FEWEST_CHANGES * lag or len(candidates) < 2:
+        return None
+    stepped = np.any(np.abs(changed) > STEPS * _usual(changed), axis=1)
+    if not stepped.any():
+        return None
+    usual, left = _usual(moved), dict[int, float]()
+    for i in candidates:
+        fault = _course(layout.parity[:, i], changed[stepped])
+        least = SMALLEST_PART * float(np.abs(fault).max())
+        rest = moved[stepped] - fault[:, None] * layout.weights[seen, i]
+        against = changed[stepped] - fault[:, None] * layout.parity[:, i]
+        squares = np.sum(np.square(rest / np.maximum(usual, least)), axis=1)
+        squares += np.sum(np.square(against / np.maximum(_usual(changed), least)), axis=1)
+        left[i] = float(np.sum(squares))
+    best, second = sorted(left, key=lambda i: left[i])[:2]
+    freedom = int(np.count_nonzero(stepped)) * (moved.shape[1] + changed.shape[1])
+    explained = left[best] < FAR**2 * freedom and left[second] > LEAST_RATIO * max(left[best], freedom)
+    if not explained or 0.5 * (left[second] - left[best]) < ODDS:
+        return None
+    return Isolation(best, _course(layout.parity[:, best], parity))
+
+
+def _usual(changes: Array) -> Array:
+    """(k,) standard deviation of changes (n, k), were they normal: half of them are smaller than the median."""
+    return np.asarray(np.median(np.abs(changes), axis=0) / QUARTILE, np.float64)
 
 
 def isolate_implausible(layout: HeadLayout, motion: Array, parity: Array, most: Array) -> Isolation | None:

@@ -231,8 +231,9 @@ class Belief:
             self._zero_open = False
         elif self.command.doubt or self._uncommanded > AGREEMENT:
             self._zero_open = False
+            self.heads.forget_turn()
             self.ring.figure.forget()
-            self.tilt.figure.forget()
+            self.tilt.forget_turn()
 
     def allow_for_rates(self, rates: Mapping[str, float]) -> None:
         """What interpolation of a head misses contradicts others that have many more samples per s."""
@@ -285,7 +286,7 @@ class Belief:
         elif not (self.heads.contradiction or self.heads.contradicting):
             self.ring.judge(window)
             self.tilt.judge(window)
-            self.command.judge(window)
+            self.command.judge(window, self.ring.vague / self._radius)
             self._settle_zero(window)
         self._note_doubts(window.number)
         self.verdict = self._conclude()
@@ -319,7 +320,7 @@ class Belief:
             judge.retract(doubt=self._began.get(name, number) >= number - LONG)
         if self.verified < 1.0:
             self.ring.figure.forget()
-            self.tilt.figure.forget()
+            self.tilt.forget_turn()
 
     def _conclude(self) -> InputVerdict:
         heads, tilt, command = self.heads, self.tilt, self.command

@@ -117,8 +117,8 @@ class CommandBelief:
         """Whether the window that was judged last has shown that rotation and command belong together."""
         return not self.doubt and self._compared == window.number
 
-    def judge(self, window: EvidenceWindow) -> None:
-        """Take in a window in which the heads tell the rotation."""
+    def judge(self, window: EvidenceWindow, vague: float = 0.0) -> None:
+        """Take in a window in which the heads tell the rotation, but for what is `vague` of it, rad."""
         last, self._last = self._last, window
         self.reach = self._anywhere
         if not _tells(window) or last is None or window.number != last.number + 1:
@@ -127,7 +127,7 @@ class CommandBelief:
         self._compared = window.number
         speed, scatter = self._told.of(window, last), scatter_in(window, self._scattering.earlier)
         before, whole = self._steps.before(window, last, self._speed), _tells(last)
-        wrong = self._beyond(window, speed) or (self._standing.judge(window, last) if whole else "")
+        wrong = self._beyond(window, speed, vague) or (self._standing.judge(window, last) if whole else "")
         what = Compared(window, last, speed, scatter, self.delay, self._farther.late(self.delay), self._hidden)
         found = self._steps.seen(what, before) if whole else None
         if not (wrong or self.doubt or self._zero.open):
@@ -303,8 +303,8 @@ class CommandBelief:
         held, missed = self._steps.size / SIGMAS, self._steps.places.most_missed(missed) / SIGMAS
         return math.hypot(speed * math.hypot(self.delay, self._timing), scatter, self.shift, untold, held, missed)
 
-    def _beyond(self, window: EvidenceWindow, speed: float) -> str:
-        late, missed = self._farther.late(self.delay), self._steps.places.most_missed(missed_in(window))
+    def _beyond(self, window: EvidenceWindow, speed: float, vague: float) -> str:
+        late, missed = self._farther.late(self.delay), vague + self._steps.places.most_missed(missed_in(window))
         far = self._far.is_far(window.mean.ecc, speed, late, missed)
         return _why_far(window.mean.ecc, speed, self._far.allowed(speed, late)) if far else ""
 

@@ -52,7 +52,7 @@ class CommandedRotation(CommandBelief):
         """Largest part of a turn between two rotations that were commanded; 1 or more where it was a whole one."""
         return max(0.0, self._most - self._least) / (2.0 * math.pi)
 
-    def judge(self, window: EvidenceWindow) -> None:
+    def judge(self, window: EvidenceWindow, vague: float = 0.0) -> None:
         """Take in a window in which the command tells the rotation, or is missing."""
         last, self._last = self._last, window
         self._hold_against_itself(window, last)

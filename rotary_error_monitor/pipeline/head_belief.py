@@ -13,6 +13,7 @@ from rotary_error_monitor.metrology.agreement import chi_square_bound
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 from rotary_error_monitor.metrology.error_motion import KINK
 from rotary_error_monitor.pipeline.evidence import EVERYWHERE, PERSISTENT, SHORT, EvidenceWindow, Reach, Windows
+from rotary_error_monitor.pipeline.first_turn import OWN, FirstTurn
 from rotary_error_monitor.pipeline.lasting_contradiction import LastingContradiction
 from rotary_error_monitor.pipeline.ring_jumps import Change, RingJumps, change_between
 from rotary_error_monitor.pipeline.ring_scatter import RingScatter, StampsScatter
@@ -97,6 +98,7 @@ class HeadBelief:
         self._since = 0  # windows since one was beyond anything
         self.settled = frozenset(heads)
         self._courses: dict[tuple[str, ...], CentreCourse] = {}
+        self._first_turn, self._was_wrong = FirstTurn(), False
         self._scatter = RingScatter(timing)
         self._by_stamps = StampsScatter()
         self._last: tuple[int, float] | None = None
@@ -112,10 +114,16 @@ class HeadBelief:
         self._agreeing = 0.0
         self.settled = frozenset(self._heads)
         self._courses.clear()
+        self.forget_turn()
+        self._was_wrong = False
         self._scatter.reset()
         self._by_stamps = StampsScatter()
         self._settle()
         self._forget()
+
+    def forget_turn(self) -> None:
+        """Forget where the ring was at which angle: the heads may count from another zero."""
+        self._first_turn.forget()
 
     @property
     def most(self) -> float:
@@ -187,7 +195,13 @@ class HeadBelief:
         self._history.extend(zip(shown, windows.parity[:, : self._redundancy].tolist(), strict=True))
         weighed = self._weigh(mean.believed_agreement, mean.head_samples, tolerances, windows.ticks)
         if not self._is_bent(duration):
-            self._course(windows.last).follow_turn(windows.first, mean.theta, windows.pairs("surplus"))
+            places = windows.pairs("surplus")
+            self._course(windows.last).follow_turn(windows.first, mean.theta, places)
+            seen = zip(windows.numbers, mean.theta, places, mean.radial_variance, strict=True)
+            scales = [self._with_own(scale, *each) for (scale, _), each in zip(weighed, seen, strict=True)]
+            if self._was_wrong:
+                self.scale = scales[-1]
+                return [(scale, most) for scale, (_, most) in zip(scales, weighed, strict=True)]
         return weighed
 
     def _allow(self, number: int, duration: float, theta: float, variance: float, bend: float) -> float:
@@ -249,6 +263,9 @@ class HeadBelief:
             # where heads show the ring that can be believed
             if not self._is_bent(window.duration):
                 self._course(window).follow_turn(window.number, [window.mean.theta], [window.pair("surplus")])
+                shown = window.number, window.mean.theta, window.pair("surplus"), window.mean.radial_variance
+                own = self._with_own(self.scale, *shown)
+                self.scale = own if self._was_wrong else self.scale
         if self._since >= SHORT and not self.contradiction:  # none of the last ones is beyond anything
             return
         persistent = sum([beyond for beyond, _, _ in self._beyond]) >= PERSISTENT
@@ -262,7 +279,7 @@ class HeadBelief:
                 self.contradiction, self._size = "", found
                 return
         if persistent and not self.contradiction:
-            self._size = found
+            self._size, self._was_wrong = found, True
             largest = math.sqrt(max(each for _, _, each in self._beyond))
             self.contradiction = (
                 f"the heads contradict one another by {largest:.3g} standard deviations, and nothing tells "
@@ -274,6 +291,7 @@ class HeadBelief:
         found = wrong_head(self._layout(self._believed), self._history, self._limits, self._radius)
         if found is None:
             return False
+        self._was_wrong = True
         self.doubted[self._believed[found.head]] = fault_in_words(found.fault, self._count)
         self._agreeing = 0.0
         self._settle()
@@ -284,11 +302,13 @@ class HeadBelief:
 
         A step of a head lasts, so it is over only where the ring is again where it was at this angle before. So is
         one that a head may have made while it was silent, in which time the ring may have gone further as well. What
-        lasted of a contradiction that heads showed which are gone may be in those that are left.
+        lasted of a contradiction that heads showed which are gone may be in those that are left; and what is not as in
+        the first turn may be a head's.
         """
         self.contradicted = self._lasting
-        self.scale = max(self.contradicted, self._tolerance)
         course, place, theta = self._course(window), window.pair("surplus"), window.mean.theta
+        scale = max(self.contradicted, self._tolerance)
+        self.scale = self._with_own(scale, window.number, theta, place, window.mean.radial_variance)
         moved = course.moved(window.number, theta)
         passed = math.inf if course.number is None else (window.number - course.number) * window.duration
         variance = window.mean.radial_variance / max(1.0, window.ticks * window.mean.head_samples)
@@ -329,6 +349,14 @@ class HeadBelief:
         if settled and course.holds(window.number):  # what is interpolated may be a part of a step
             course.turn.put(theta, moved, place)
         self.reach = Reach(*place, 1.5 * allowed)
+
+    def _with_own(self, scale: float, number: int, theta: float, place: tuple[float, float], variance: float) -> float:
+        """Scale of standard deviations, with what may be a head's: all that is not as in the first turn.
+
+        It counts where no other head would contradict, and once one was wrong: two that are off alike agree as well.
+        """
+        self._first_turn.follow(number, theta, place)
+        return math.hypot(scale, self._first_turn.unrepeated / (OWN * math.sqrt(variance)))
 
     def _contradict(self, change: Change | None, step: float, most: float, passed: float) -> None:
         """Believe no head: of a step (m) within a time (s) that is more than the most that is explained."""

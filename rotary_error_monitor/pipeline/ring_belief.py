@@ -40,6 +40,7 @@ class RingBelief:
         figure: of the ring's centre over the rotation.
         late: displacement that goes with the speed, at the present one, m: no bearing makes it, but stamps of heads
             that are apart by the same time do, where these are too many for the others to contradict them.
+        vague: what interpolation of a spike may make of a displacement that is none, m; 0 of readings as any others.
         uneven: whether some heads have many more samples per s than others; whoever knows sets it.
     """
 
@@ -65,7 +66,7 @@ class RingBelief:
         """Believe the description again, until it is contradicted anew."""
         self.doubt = ""
         self.figure.forget()
-        self.late = 0.0
+        self.late = self.vague = 0.0
         self._last: tuple[int, float] | None = None  # number and rotation of the last window
         self._bent: deque[float] = deque([0.0], maxlen=SHORT)  # four samples around a tick, as far apart as any may be
         self._speed = self._fastest
@@ -104,8 +105,9 @@ class RingBelief:
             return
         missed = self._missed(window.mean.head_bend)
         self._measure(window.number, window.duration, window.mean.theta, window.pair("surplus"), missed)
+        self.vague = self._vague(window)
         wrong = self._beyond(window)
-        if not wrong and window.has("radial"):
+        if not wrong and not self.vague and window.has("radial"):
             place = [window.mean.theta], [window.vector("centre")], [window.vector("surplus")]
             new = self._add(*place, [self._apart_by_stamps])
             wrong = self._misread(window, new) or self._too_quiet(window)
@@ -157,12 +159,17 @@ class RingBelief:
         self._turned.extend(mean.theta[:told])
         return late
 
+    def _vague(self, window: EvidenceWindow) -> float:
+        deviation = math.sqrt(window.mean.radial_variance)
+        usual = self._noise + self._timing * self._speed * self._radius
+        return SIGMAS * deviation if deviation > SIGMAS * usual else 0.0
+
     def _beyond(self, window: EvidenceWindow) -> str:
         mean = window.mean
         motion = _motion(mean.surplus_x, mean.surplus_y, mean.described_x, mean.described_y)
         # within some samples the third difference may be none where interpolation misses most
         missed = max(self._bent) if self.uneven else self._missed(mean.head_bend)
-        most = self._limit + self._apart_by_stamps + missed
+        most = self._limit + self._apart_by_stamps + missed + self.vague
         if motion <= most:
             return ""
         return (

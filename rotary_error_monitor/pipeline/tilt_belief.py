@@ -13,6 +13,7 @@ from rotary_error_monitor.description.two_axis_section import Autocollimator
 from rotary_error_monitor.metrology.description_check import DARK, MIRRORED, Claim, FigureCheck, Mistake, departure
 from rotary_error_monitor.metrology.repeated_readings import run_by_chance
 from rotary_error_monitor.pipeline.evidence import LONG, SHORT, SIGMAS, EvidenceWindow, Reach, Windows
+from rotary_error_monitor.pipeline.first_turn import OWN, FirstTurn
 from rotary_error_monitor.pipeline.head_belief import AGREEMENT
 from rotary_error_monitor.pipeline.tilt_look import Look, StillParts, bounds_of, mean_of
 from rotary_error_monitor.pipeline.trailing import Trailing
@@ -63,6 +64,7 @@ class TiltBelief:
         late = stage.timing("autocollimator") * stage.limits.speed * math.hypot(*stage.mirror.tilt)
         claim = None if stated is None else Claim(stated, math.hypot(departure(stage.spindle.tilt), late))
         mirror = "tilt of the mirror on the rotor, rad,"
+        self._first_turn = FirstTurn()
         self.figure = FigureCheck({**MIRRORED, **DARK}, noise, 0.5 * stage.limits.tilt, mirror, claim=claim)
         self.reset()
 
@@ -74,7 +76,7 @@ class TiltBelief:
         self._here, self._drifted = Look(0, 0.0, (0.0, 0.0), (0.0, 0.0), 1.0, 1, self._noise, math.inf), 0.0
         self._excursion: tuple[int, float] | None = None
         self.reach = self._anywhere
-        self.figure.forget()
+        self.forget_turn()
         self._agreeing = self._size = self._near = self._farthest = 0.0
         self._squares, self._within = Trailing(_SPANS[-1]), Trailing(LONG)
         self._bounds_of: tuple[tuple[int, ...], float, int] | None = None  # counts of squares that `_bounds` hold for
@@ -89,6 +91,11 @@ class TiltBelief:
         self._gone = self._most_gone = 0.0
         self._finding: Mistake | None = None
         self._usual, self._sound = UsualLevel(), self.figure.copy()
+
+    def forget_turn(self) -> None:
+        """Forget what turned with the rotor: its angle is another, or is not known."""
+        self.figure.forget()
+        self._first_turn.forget()
 
     def retract(self, *, doubt: bool) -> None:
         """Forget the last windows, which came of a wrong head; with `doubt`, what was doubted by them as well."""
@@ -190,6 +197,7 @@ class TiltBelief:
         here = self._last = self._here
         if not self.doubt:
             self._recent.append(here.surplus)
+            self._first_turn.follow(here.number, here.theta, here.surplus)
         self.scale = math.hypot(self._noise_scale, self._unseen(duration) / math.sqrt(here.variance))
         # one tick is less sure than the mean of a window, and may be a window and a half away
         noise = math.hypot(self._deviation * math.sqrt(1.0 + max(1.0, here.samples)), self._drifted)
@@ -265,13 +273,13 @@ class TiltBelief:
 
         A reading that repeats may be stuck, and have been off from the first: it is where it was before the run, and it
         should have moved since. An instrument that stepped and came back may do so again, which shows only
-        once it is beyond `SIGMAS`.
+        once it is beyond `SIGMAS`. What it shows that is not as in the first turn may be its own, however it came.
         """
-        again = 0.0
+        own = self._first_turn.unrepeated / OWN
         if self._excursion is not None and (self._here.number - self._excursion[0]) * duration < REMEMBERED:
-            again = self._excursion[1] / SIGMAS
+            own = max(own, self._excursion[1] / SIGMAS)
         off = 0.0 if self._repeated is None else max(self._moved(), distance(self._here.surplus, self._repeated))
-        return math.hypot(max(off, self._gone), again)
+        return math.hypot(max(off, self._gone), own)
 
     def _step(self, duration: float) -> str:
         last = self._last

@@ -35,6 +35,14 @@ class TurnMemory:
             seen[place % ANGLES] = vector
         self.empty = False
 
+    def complete(self, theta: float, moved: float, vector: tuple[float, float]) -> None:
+        """Keep a mean over angles as `put` does, but only where none was seen."""
+        seen = self._seen
+        for place in _places(theta, moved):
+            if seen[place % ANGLES] is None:
+                seen[place % ANGLES] = vector
+        self.empty = False
+
     def get(self, theta: float, moved: float) -> tuple[float, float] | None:
         """The mean of what was seen at these angles; None where they are not all known."""
         places = _places(theta, moved)

@@ -10,7 +10,7 @@ import numpy as np
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage_limits import StageLimits
-from rotary_error_monitor.metrology.agreement import Isolation, isolate_head, isolate_implausible
+from rotary_error_monitor.metrology.agreement import Isolation, isolate_head, isolate_implausible, isolate_step
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 from rotary_error_monitor.pipeline.evidence import LONG, PERSISTENT, SHORT
 
@@ -47,6 +47,9 @@ def _isolations(
         radial = limits.radial / radius
         most = np.array([limits.following_error + limits.latency * limits.speed, radial, radial])
         yield isolate_implausible(layout, motion[last, 1:], parity[last], most)
+    steps = slice(-RECENT * SHORT, None)
+    for lag in (1, 2):  # a step within a window shows its rest in the next one
+        yield isolate_step(layout, motion[steps, 1:], parity[steps], lag)
     for lag in _lags(motion[:, 0]):
         recent = slice(-RECENT * lag, None)
         yield isolate_head(layout, motion[recent, 1:], parity[recent], lag)

@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from rotary_error_monitor.metrology.agreement import FAR, chi_square_bound, isolate_head, isolate_implausible
+from rotary_error_monitor.metrology.agreement import (
+    FAR,
+    chi_square_bound,
+    isolate_head,
+    isolate_implausible,
+    isolate_step,
+)
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 
 FOUR = (0.0, np.pi, np.pi / 2, 3 * np.pi / 2)
@@ -62,6 +68,51 @@ def test_sound_heads_are_never_accused():
         generator = np.random.default_rng(seed)
         motion, parity = observed(layout, 0, np.zeros(STEPS), generator)
         assert isolate_head(layout, motion, parity, 1) is None
+
+
+def jittering(layout, head, fault, generator):
+    """A rotor whose drive jitters by counts, and whose radial motion a push changes in between, with such a fault."""
+    rotor = np.cumsum(generator.normal(0.0, 1e-7, (STEPS, 3)), axis=0)
+    rotor[:, 0] += 1.2e-6 * np.cumsum(generator.normal(0.0, 1.0, STEPS))
+    rotor[:, 1:] += generator.uniform(-2e-5, 2e-5, 2) * np.clip((np.arange(STEPS)[:, None] - 40) / 10, 0, 1)
+    readings = rotor @ layout.sensitivity.T + generator.normal(0.0, 1.5e-7, (STEPS, len(layout.azimuths)))
+    readings[:, head] += fault
+    return readings @ layout.weights.T, readings @ layout.parity.T
+
+
+@pytest.mark.parametrize("azimuths", [FOUR, FIVE, UNEVEN], ids=["four", "five", "uneven"])
+def test_a_step_of_a_few_counts_is_told_beside_a_drive_that_jitters_by_as_much(azimuths):
+    """Roughness alone told none of 3 to 25 counts: the heads were believed no more for as long as they ran."""
+    layout = HeadLayout(azimuths)
+    found, rough = 0, 0
+    for seed in range(100):
+        generator = np.random.default_rng(seed)
+        head = int(generator.integers(len(azimuths)))
+        fault = (np.arange(STEPS) >= 30) * generator.choice([-1, 1]) * generator.uniform(3, 25) * COUNT
+        fault[30] *= generator.uniform()  # it begins within a window
+        motion, parity = jittering(layout, head, fault, generator)
+        said = [isolate_step(layout, motion, parity, lag) for lag in (1, 2)]
+        assert all(each is None or each.head == head for each in said)
+        found += any(said)
+        rough += isolate_head(layout, motion, parity, 1) is not None
+    assert found >= 95 and rough < 60
+
+
+@pytest.mark.parametrize("two", [False, True], ids=["sound", "two wrong ones"])
+def test_steps_accuse_nobody_who_did_not_step(two):
+    """Neither a push or a knock at sound heads, nor two heads that step at once, each by another size."""
+    layout = HeadLayout(FIVE if two else FOUR)
+    for seed in range(300):
+        generator = np.random.default_rng(seed)
+        motion, parity = jittering(layout, 0, np.zeros(STEPS), generator)
+        knock = (np.arange(STEPS) >= 30)[:, None] * generator.uniform(-3e-5, 3e-5, 3)
+        first, second = generator.choice(len(layout.azimuths), 2, replace=False)
+        sizes = generator.choice([-1, 1], 2) * generator.uniform(20, 40, 2) * COUNT * two
+        motion = motion + knock
+        for head, size in ((first, sizes[0]), (second, sizes[1])):
+            motion = motion + np.outer(np.arange(STEPS) >= 30, size * layout.weights[:, head])
+            parity = parity + np.outer(np.arange(STEPS) >= 30, size * layout.parity[:, head])
+        assert not any(isolate_step(layout, motion, parity, lag) for lag in (1, 2))
 
 
 def test_a_contradiction_that_does_not_change_belongs_to_nobody():
