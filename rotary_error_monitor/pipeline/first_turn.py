@@ -32,18 +32,19 @@ class FirstTurn:
         self._last: tuple[int, float] | None = None
         self.unrepeated = 0.0
 
-    def follow(self, number: int, theta: float, place: Place) -> None:
+    def follow(self, number: int, theta: float, place: Place, *, sure: bool = True) -> None:
         """Take in a window that is believed.
 
         Args:
             number: of the window.
             theta: rotation in it, rad.
             place: what is seen in it.
+            sure: whether it may be what is seen there first.
         """
         last, self._last = self._last, (number, theta)
         moved = theta - last[1] if last is not None and last[0] == number - 1 else 0.0
         first = self._turn.get(theta, moved)
-        if first is None:
+        if first is None and sure:
             self._turn.complete(theta, moved, place)
-        else:
+        elif first is not None:
             self.unrepeated = distance(place, first)

@@ -70,7 +70,7 @@ class StreamBelief:
                 parts.append(part)
                 if not any(parts):
                     parts.clear()
-            if parts and sum(each > REFUSED for each in parts) >= PERSISTENT:
+            if sum(each > REFUSED for each in parts) >= PERSISTENT and sum(parts) > REFUSED * len(parts):
                 reasons = stream.admission.refused
                 worst = max(reasons, key=lambda reason: reasons[reason])
                 hint = "; do two publishers share its topic?" if worst == LATE else ""

@@ -197,7 +197,7 @@ class TiltBelief:
         here = self._last = self._here
         if not self.doubt:
             self._recent.append(here.surplus)
-            self._first_turn.follow(here.number, here.theta, here.surplus)
+        self._first_turn.follow(here.number, here.theta, here.surplus, sure=not self.doubt)
         self.scale = math.hypot(self._noise_scale, self._unseen(duration) / math.sqrt(here.variance))
         # one tick is less sure than the mean of a window, and may be a window and a half away
         noise = math.hypot(self._deviation * math.sqrt(1.0 + max(1.0, here.samples)), self._drifted)

@@ -17,6 +17,10 @@ a fault all is published again, from other instruments where one is not believed
 where the data do not tell that the fault has ended: without redundancy, where heads were silent meanwhile; where a head
 was off before a stage ever turned so fast that its stamps outweigh its noise; and where a fault was believed for more
 than half of the last 10 s, so that its end looks like its begin. `/diagnostics` then goes on to name what is doubted.
+
+What one instrument alone shows may be its own: the tilt, and what heads show without redundancy, or once one of them
+was wrong. What of it is not as in the first turn, at the same angle, is three standard deviations for as long as it is
+so: a push at the shaft as well as an autocollimator that drifts. A reset takes the next turn for the first one.
 """
 
 

@@ -51,5 +51,5 @@ def test_what_rests_on_other_samples_goes_on():
         found = judge(spiking(STAGES[place]), random_stage(STAGES[place]))
         lost[place] = 1.0 - min(found.available[name] for name in ("exc", "eyc"))
         wrong[place] = found.worst
-    assert sum(part > 0.1 for part in lost.values()) <= 0.1 * len(lost), lost
+    assert np.mean(list(lost.values())) < 0.1 and max(lost.values()) < 0.25, lost
     assert sum(part > MOST_WRONG for part in wrong.values()) <= 0.05 * len(wrong), wrong
