@@ -12,6 +12,9 @@ OWN = 3.0
 """Standard deviations within which all that is not as in the first turn may be the instrument's own: the limit of what
 is taken for chance."""
 
+YIELDED = 0.4
+"""Part of what the rotor may have yielded to a push that counts nevertheless: the other instrument may show warmth."""
+
 Place = tuple[float, float]
 
 
@@ -19,7 +22,7 @@ class FirstTurn:
     """What was seen at each angle when the rotor was there first.
 
     Attributes:
-        unrepeated: how far the last place is from it; as before where the rotor has not been.
+        moved: where the last place is from it; as before where the rotor has not been.
     """
 
     def __init__(self) -> None:
@@ -30,7 +33,12 @@ class FirstTurn:
         """Begin anew: the angles are others."""
         self._turn = TurnMemory()
         self._last: tuple[int, float] | None = None
-        self.unrepeated = 0.0
+        self.moved = 0.0, 0.0
+
+    @property
+    def unrepeated(self) -> float:
+        """How far the last place is from it, the larger of both components."""
+        return distance(self.moved, (0.0, 0.0))
 
     def follow(self, number: int, theta: float, place: Place, *, sure: bool = True) -> None:
         """Take in a window that is believed.
@@ -42,9 +50,20 @@ class FirstTurn:
             sure: whether it may be what is seen there first.
         """
         last, self._last = self._last, (number, theta)
-        moved = theta - last[1] if last is not None and last[0] == number - 1 else 0.0
-        first = self._turn.get(theta, moved)
+        turned = theta - last[1] if last is not None and last[0] == number - 1 else 0.0
+        first = self._turn.get(theta, turned)
         if first is None and sure:
-            self._turn.complete(theta, moved, place)
+            self._turn.complete(theta, turned, place)
         elif first is not None:
-            self.unrepeated = distance(place, first)
+            self.moved = place[0] - first[0], place[1] - first[1]
+
+
+def own_part(moved: Place, yielded: Place) -> float:
+    """How much of what moved may be the instrument's own: all, or what is left where the rotor yielded by as much.
+
+    Args:
+        moved: what one instrument shows beyond the first turn.
+        yielded: what the rotor moves by if it yielded to a push as another instrument shows.
+    """
+    whole = distance(moved, (0.0, 0.0))
+    return max(min(whole, distance(moved, yielded)), YIELDED * whole)

@@ -13,7 +13,7 @@ from rotary_error_monitor.description.two_axis_section import Autocollimator
 from rotary_error_monitor.metrology.description_check import DARK, MIRRORED, Claim, FigureCheck, Mistake, departure
 from rotary_error_monitor.metrology.repeated_readings import run_by_chance
 from rotary_error_monitor.pipeline.evidence import LONG, SHORT, SIGMAS, EvidenceWindow, Reach, Windows
-from rotary_error_monitor.pipeline.first_turn import OWN, FirstTurn
+from rotary_error_monitor.pipeline.first_turn import OWN, FirstTurn, own_part
 from rotary_error_monitor.pipeline.head_belief import AGREEMENT
 from rotary_error_monitor.pipeline.tilt_look import Look, StillParts, bounds_of, mean_of
 from rotary_error_monitor.pipeline.trailing import Trailing
@@ -64,7 +64,10 @@ class TiltBelief:
         late = stage.timing("autocollimator") * stage.limits.speed * math.hypot(*stage.mirror.tilt)
         claim = None if stated is None else Claim(stated, math.hypot(departure(stage.spindle.tilt), late))
         mirror = "tilt of the mirror on the rotor, rad,"
-        self._first_turn = FirstTurn()
+        self._first_turn, self._ring = FirstTurn(), FirstTurn()
+        spindle = stage.spindle
+        # a push that moves the ring by a metre tilts the rotor by so many rad
+        self._yields = spindle.tilt_compliance / spindle.radial_compliance if spindle.radial_compliance else 0.0
         self.figure = FigureCheck({**MIRRORED, **DARK}, noise, 0.5 * stage.limits.tilt, mirror, claim=claim)
         self.reset()
 
@@ -96,6 +99,7 @@ class TiltBelief:
         """Forget what turned with the rotor: its angle is another, or is not known."""
         self.figure.forget()
         self._first_turn.forget()
+        self._ring.forget()
 
     def retract(self, *, doubt: bool) -> None:
         """Forget the last windows, which came of a wrong head; with `doubt`, what was doubted by them as well."""
@@ -119,7 +123,7 @@ class TiltBelief:
         mean, duration = window.mean, window.duration
         self._drifted = self._drift(duration)
         samples = window.ticks * mean.tilt_samples
-        shown = window.pair("tilt"), window.pair("tilt_surplus"), samples, mean.tilt_variance
+        shown = window.pair("tilt"), window.pair("tilt_surplus"), samples, mean.tilt_variance, window.pair("surplus")
         self._here = here = self._look(window.number, mean.theta, *shown)
         stuck = self._is_stuck(samples, duration) or self._still_parts.judge(here, duration) or self._stands(duration)
         step = self._step(duration)
@@ -159,8 +163,8 @@ class TiltBelief:
         mean, scatter, ticks, duration = windows.mean, windows.scatter, windows.ticks, windows.duration
         self._drifted, self._repeated = self._drift(duration), None
         samples = [ticks * each for each in mean.tilt_samples]
-        vectors = windows.pairs("tilt"), windows.pairs("tilt_surplus")
-        looks = list(map(self._look, windows.numbers, mean.theta, *vectors, samples, mean.tilt_variance))
+        vectors, ring = (windows.pairs("tilt"), windows.pairs("tilt_surplus")), windows.pairs("surplus")
+        looks = list(map(self._look, windows.numbers, mean.theta, *vectors, samples, mean.tilt_variance, ring))
         self._add(mean.theta, windows.vectors("tilt"), windows.vectors("tilt_surplus"))
         scatters = list(zip(scatter.tilt_surplus_x, scatter.tilt_surplus_y, strict=True))
         scales = self._measure_noise(looks, scatters, [(ticks - 2) * each for each in mean.tilt_samples])
@@ -187,10 +191,11 @@ class TiltBelief:
         surplus: tuple[float, float],
         samples: float,
         variance: float,
+        ring: tuple[float, float],
     ) -> Look:
         apart = 1 if samples >= 1.0 else min(math.ceil(1.0 / max(samples, 1e-9)), SHORT // 2)
         stated = self._noise / math.sqrt(max(1.0, samples))
-        return Look(number, theta, reading, surplus, samples, apart, stated, variance or math.inf)
+        return Look(number, theta, reading, surplus, samples, apart, stated, variance or math.inf, ring)
 
     def _settle(self, duration: float) -> None:
         """How sure the tilt is, and where it can be next."""
@@ -198,6 +203,7 @@ class TiltBelief:
         if not self.doubt:
             self._recent.append(here.surplus)
         self._first_turn.follow(here.number, here.theta, here.surplus, sure=not self.doubt)
+        self._ring.follow(here.number, here.theta, here.ring)
         self.scale = math.hypot(self._noise_scale, self._unseen(duration) / math.sqrt(here.variance))
         # one tick is less sure than the mean of a window, and may be a window and a half away
         noise = math.hypot(self._deviation * math.sqrt(1.0 + max(1.0, here.samples)), self._drifted)
@@ -275,7 +281,9 @@ class TiltBelief:
         should have moved since. An instrument that stepped and came back may do so again, which shows only
         once it is beyond `SIGMAS`. What it shows that is not as in the first turn may be its own, however it came.
         """
-        own = self._first_turn.unrepeated / OWN
+        ring = self._ring.moved
+        yielded = -self._yields * ring[1], self._yields * ring[0]
+        own = own_part(self._first_turn.moved, yielded) / OWN
         if self._excursion is not None and (self._here.number - self._excursion[0]) * duration < REMEMBERED:
             own = max(own, self._excursion[1] / SIGMAS)
         off = 0.0 if self._repeated is None else max(self._moved(), distance(self._here.surplus, self._repeated))

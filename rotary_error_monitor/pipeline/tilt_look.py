@@ -22,6 +22,7 @@ class Look(NamedTuple):
         apart: windows from one that shows a reading of its own to the next.
         stated: standard deviation of a mean by the stated noise, rad.
         variance: of a tick, rad²; infinite where none is stated.
+        ring: where the ring is beyond its description, m.
     """
 
     number: int
@@ -32,6 +33,7 @@ class Look(NamedTuple):
     apart: int
     stated: float
     variance: float
+    ring: tuple[float, float] = (0.0, 0.0)
 
 
 class StillParts:

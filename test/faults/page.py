@@ -20,7 +20,8 @@ than half of the last 10 s, so that its end looks like its begin. `/diagnostics`
 
 What one instrument alone shows may be its own: the tilt, and what heads show without redundancy, or once one of them
 was wrong. What of it is not as in the first turn, at the same angle, is three standard deviations for as long as it is
-so: a push at the shaft as well as an autocollimator that drifts. A reset takes the next turn for the first one.
+so. A tilt that the rotor makes as it yields to a push, by as much as the ring shows it to yield, counts for less than
+half of that. A reset takes the next turn for the first one.
 """
 
 

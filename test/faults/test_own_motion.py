@@ -78,7 +78,7 @@ def with_fault(number, fault):
         "The autocollimator steps, drifts, or comes back from a gap with another zero, by no more than the rotor tilts",
         "by the uncertainty of the tilt; a step or a place beyond what the stage can do is named as such",
         "nothing tells it from a tilt of the rotor: what differs from the first turn, at the same angle, is three "
-        "standard deviations for as long as it does",
+        "standard deviations for as long as it does, but for what the ring shows the rotor to have yielded to a push",
         "everything, the tilt with that uncertainty, within a window (10 ms) of its begin",
         "at once where it goes back; a reset takes the next turn for the first one",
     )
@@ -89,7 +89,8 @@ def test_a_tilt_that_may_be_the_instruments_own_is_as_uncertain(fault):
     for place in seeds(len(STAGES)):
         found = judge(with_fault(STAGES[place], fault), random_stage(STAGES[place]))
         wrong[place] = max(found.wrong[name] for name in TILTS)
-    assert sum(part > MOST_WRONG for part in wrong.values()) <= 0.05 * len(wrong), wrong
+    assert sum(part > MOST_WRONG for part in wrong.values()) <= 0.1 * len(wrong), wrong
+    assert max(wrong.values()) < 2 * MOST_WRONG, wrong
 
 
 def test_of_a_healthy_stage_all_goes_on_and_is_right():
