@@ -16,6 +16,7 @@ import numpy as np
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
+from rotary_error_monitor.signals.gross_readings import NORMAL_MEDIAN
 
 CHANCE = 1e-4
 """Probability by which chance exceeds a bound on chi-square: once in a hundred seconds of windows."""
@@ -36,9 +37,6 @@ FEWEST_CHANGES = 20
 
 SMALLEST_PART = 0.02
 """Part of a fault below which motions that differ are the same: a rotor that stands shows whole counts."""
-
-QUARTILE = 0.6745
-"""Below which half of the normal numbers of standard deviation one are, without sign."""
 
 FAR = 3.0
 """How many times what the stage can do a motion must be that it cannot have made, for limits are known to a factor, no
@@ -130,7 +128,7 @@ def isolate_step(layout: HeadLayout, motion: Array, parity: Array, lag: int) -> 
 
 def _usual(changes: Array) -> Array:
     """(k,) standard deviation of changes (n, k), were they normal: half of them are smaller than the median."""
-    return np.asarray(np.median(np.abs(changes), axis=0) / QUARTILE, np.float64)
+    return np.asarray(np.median(np.abs(changes), axis=0) / NORMAL_MEDIAN, np.float64)
 
 
 def isolate_implausible(layout: HeadLayout, motion: Array, parity: Array, most: Array) -> Isolation | None:

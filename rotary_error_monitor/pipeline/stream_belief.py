@@ -12,7 +12,7 @@ from rotary_error_monitor.signals.blocks import NANOSECONDS
 from rotary_error_monitor.signals.streams import SampleStream
 
 REFUSED = 0.1
-"""Part of the samples in a window whose refusal counts against their stream."""
+"""Part of the samples in a window whose refusal counts against their stream, and of the last windows together."""
 
 JUDGED = 2
 """Windows one behind another that must have a value at each tick to tell a step in them."""

@@ -45,7 +45,7 @@ BY_CHANCE = 1e-3
 _LINE = np.sqrt(1.5)
 """Standard deviation of how white noise departs from the line between its neighbours, over its own."""
 
-_MEDIAN = 0.6745
+NORMAL_MEDIAN = 0.6745
 """Median magnitude of a normal number over its standard deviation."""
 
 
@@ -83,7 +83,7 @@ def noise_beside_line(values: Array) -> Array:
     """
     if len(values) < 3:
         return np.zeros(values.shape[1])
-    off = np.median(np.abs(values[1:-1] - (values[:-2] + values[2:]) / 2), axis=0) / (_MEDIAN * _LINE)
+    off = np.median(np.abs(values[1:-1] - (values[:-2] + values[2:]) / 2), axis=0) / (NORMAL_MEDIAN * _LINE)
     steps = np.abs(np.diff(values, axis=0))
     least = np.min(np.where(steps > 0, steps, np.inf), axis=0)
     return np.asarray(np.maximum(off, np.where(np.isfinite(least), least, 0.0)), np.float64)
