@@ -16,7 +16,7 @@ import numpy as np
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
-from rotary_error_monitor.signals.gross_readings import NORMAL_MEDIAN
+from rotary_error_monitor.signals.reading_noise import spread_of
 
 CHANCE = 1e-4
 """Probability by which chance exceeds a bound on chi-square: once in a hundred seconds of windows."""
@@ -106,17 +106,17 @@ def isolate_step(layout: HeadLayout, motion: Array, parity: Array, lag: int) -> 
     candidates = [i for i in range(len(layout.azimuths)) if _can_do_without(layout, i)]
     if len(moved) < FEWEST_CHANGES * lag or len(candidates) < 2:
         return None
-    stepped = np.any(np.abs(changed) > STEPS * _usual(changed), axis=1)
+    stepped = np.any(np.abs(changed) > STEPS * spread_of(changed), axis=1)
     if not stepped.any():
         return None
-    usual, left = _usual(moved), dict[int, float]()
+    usual, left = spread_of(moved), dict[int, float]()
     for i in candidates:
         fault = _course(layout.parity[:, i], changed[stepped])
         least = SMALLEST_PART * float(np.abs(fault).max())
         rest = moved[stepped] - fault[:, None] * layout.weights[seen, i]
         against = changed[stepped] - fault[:, None] * layout.parity[:, i]
         squares = np.sum(np.square(rest / np.maximum(usual, least)), axis=1)
-        squares += np.sum(np.square(against / np.maximum(_usual(changed), least)), axis=1)
+        squares += np.sum(np.square(against / np.maximum(spread_of(changed), least)), axis=1)
         left[i] = float(np.sum(squares))
     best, second = sorted(left, key=lambda i: left[i])[:2]
     freedom = int(np.count_nonzero(stepped)) * (moved.shape[1] + changed.shape[1])
@@ -124,11 +124,6 @@ def isolate_step(layout: HeadLayout, motion: Array, parity: Array, lag: int) -> 
     if not explained or 0.5 * (left[second] - left[best]) < ODDS:
         return None
     return Isolation(best, _course(layout.parity[:, best], parity))
-
-
-def _usual(changes: Array) -> Array:
-    """(k,) standard deviation of changes (n, k), were they normal: half of them are smaller than the median."""
-    return np.asarray(np.median(np.abs(changes), axis=0) / NORMAL_MEDIAN, np.float64)
 
 
 def isolate_implausible(layout: HeadLayout, motion: Array, parity: Array, most: Array) -> Isolation | None:

@@ -8,9 +8,9 @@ import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.metrology.reading_noise import noise_of
 from rotary_error_monitor.metrology.reading_steps import step_of
 from rotary_error_monitor.metrology.smooth_course import FEWEST, STIFFEST, TRIALS, course_precision
+from rotary_error_monitor.signals.reading_noise import noise_of
 
 BY_CHANCE = 1e-3
 """Probability that a smooth course is taken for one with a jump."""

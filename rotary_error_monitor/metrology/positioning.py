@@ -8,15 +8,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri, stdtrit
+from scipy.special import stdtrit
 
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.reading_steps import step_of
+from rotary_error_monitor.signals.reading_noise import MEDIAN_OF_ABSOLUTE_NORMAL
 
 COVERAGE = 2.0
 """Coverage factor of ISO 230-2: a unidirectional repeatability spans 2 s to either side of the mean."""
-
-MEDIAN_OF_ABSOLUTE_NORMAL = float(ndtri(0.75))
 
 SCALE_EFFICIENCY = 0.4
 """Information in the median of absolute differences beside that in a standard deviation, for normal readings."""

@@ -16,7 +16,7 @@ from rotary_error_monitor.arrays import Array, Mask
 from rotary_error_monitor.description.response import Response
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.distributions import chi_square_limit, chi_square_tail, f_limit
-from rotary_error_monitor.metrology.positioning import MEDIAN_OF_ABSOLUTE_NORMAL, SCALE_EFFICIENCY
+from rotary_error_monitor.metrology.positioning import SCALE_EFFICIENCY
 from rotary_error_monitor.metrology.repeated_runs import FALSE_ALARM
 from rotary_error_monitor.metrology.two_axis_fit import (
     ReferenceUncertainty,
@@ -26,6 +26,7 @@ from rotary_error_monitor.metrology.two_axis_fit import (
     response_from,
 )
 from rotary_error_monitor.metrology.two_axis_steps import StepReadings
+from rotary_error_monitor.signals.reading_noise import MEDIAN_OF_ABSOLUTE_NORMAL
 
 COVERAGE = float(ndtri(0.975))
 """Coverage factor of an expanded uncertainty of 95 % where the variances are known (GUM, Annex G)."""

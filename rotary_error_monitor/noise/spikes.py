@@ -10,6 +10,7 @@ from scipy.ndimage import median_filter
 from rotary_error_monitor.arrays import Array, Mask
 from rotary_error_monitor.noise.head_grid import HeadGrid
 from rotary_error_monitor.signals.gross_readings import gross_readings, recurring
+from rotary_error_monitor.signals.reading_noise import spread_of
 from rotary_error_monitor.twin.recording import SignalStream
 
 SPIKE = 6.0
@@ -27,7 +28,7 @@ def find_spikes(residual: Array, std: float, stream: SignalStream, command: Sign
     """
     # The median of neighbours follows every effect that is slower than a few samples, however large.
     apart = residual - median_filter(residual, (7, 1), mode="mirror")
-    spread = 1.4826 * np.median(np.abs(apart), axis=0)
+    spread = spread_of(apart)
     found = np.abs(apart) > SPIKE * np.maximum(spread, std)
     found |= gross_readings(residual, std, stream.period)
     angle = np.interp(stream.time, command.time, command.values[:, 0])

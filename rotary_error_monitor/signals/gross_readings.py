@@ -15,6 +15,7 @@ import numpy as np
 from scipy.special import bdtrc
 
 from rotary_error_monitor.arrays import Array, Mask
+from rotary_error_monitor.signals.reading_noise import BESIDE_LINE
 
 GROSS = 6.0
 """Standard deviations by which noise alone departs from the line between its neighbours once in 10^9 samples."""
@@ -42,12 +43,6 @@ PLACES = 180
 BY_CHANCE = 1e-3
 """Probability below which as many gross readings do not fall into one place of the turn by chance."""
 
-_LINE = np.sqrt(1.5)
-"""Standard deviation of how white noise departs from the line between its neighbours, over its own."""
-
-NORMAL_MEDIAN = 0.6745
-"""Median magnitude of a normal number over its standard deviation."""
-
 
 def gross_readings(values: Array, std: float, period: float, together: bool = False) -> Mask:
     """(n, k) which readings are gross; none where they are more than `MOST` of a column.
@@ -74,19 +69,6 @@ def gross_readings(values: Array, std: float, period: float, together: bool = Fa
             if 1 < last - first <= longest:
                 column[first:last] = True
     return found
-
-
-def noise_beside_line(values: Array) -> Array:
-    """(k,) standard deviation of white noise in readings (n, k), by how they depart from the line between neighbours.
-
-    Not less than the smallest difference of two readings: an instrument that shows whole steps moves by one.
-    """
-    if len(values) < 3:
-        return np.zeros(values.shape[1])
-    off = np.median(np.abs(values[1:-1] - (values[:-2] + values[2:]) / 2), axis=0) / (NORMAL_MEDIAN * _LINE)
-    steps = np.abs(np.diff(values, axis=0))
-    least = np.min(np.where(steps > 0, steps, np.inf), axis=0)
-    return np.asarray(np.maximum(off, np.where(np.isfinite(least), least, 0.0)), np.float64)
 
 
 def recurring(gross: Mask, angle: Array) -> Mask:
@@ -139,12 +121,12 @@ def _mark(found: Mask, values: Array, length: int, std: float, together: bool) -
         return apart(at(k) - at(-1) - (at(length) - at(-1)) * ((k + 1) / (length + 1)))
 
     # A run that is one begins with a gross reading: of few the rest is looked at.
-    begun = off_line(0) > GROSS * _LINE * std
+    begun = off_line(0) > GROSS * BESIDE_LINE * std
     places = places[begun.any(axis=1)]
     if len(places) == 0:
         return
     rough = np.maximum.reduce([apart(bend) for bend in _bends(at, length, side)])
-    allowed = GROSS * _LINE * std + SWINGS * np.maximum(rough - NOISY * std, 0.0)
+    allowed = GROSS * BESIDE_LINE * std + SWINGS * np.maximum(rough - NOISY * std, 0.0)
     for k in range(length):
         found[places + k] |= off_line(k) > allowed
 

@@ -24,9 +24,9 @@ from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.effect import Cause, values_of
 from rotary_error_monitor.effects.rotor import RotorState, StageEffect
 from rotary_error_monitor.metrology.harmonics import angular_sum
-from rotary_error_monitor.metrology.reading_noise import noise_of
 from rotary_error_monitor.metrology.thermometer_course import ThermometerCourse
 from rotary_error_monitor.sensors.library import sensor_of
+from rotary_error_monitor.signals.reading_noise import noise_of
 from rotary_error_monitor.twin.commanded import CommandCurve
 from rotary_error_monitor.twin.finite import check_finite
 from rotary_error_monitor.twin.recording import SignalStream, StageRecording, measured

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rotary_error_monitor.signals.gross_readings import gross_readings, noise_beside_line, recurring
+from rotary_error_monitor.signals.gross_readings import gross_readings, recurring
+from rotary_error_monitor.signals.reading_noise import noise_beside_line
 
 SEEDS = range(8)
 PERIODS = (0.001, 0.004, 0.01)

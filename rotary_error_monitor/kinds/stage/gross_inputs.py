@@ -10,7 +10,8 @@ from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.streams import COMMAND
 from rotary_error_monitor.effects.rotor import HEAD
 from rotary_error_monitor.noise.channels import noise_std
-from rotary_error_monitor.signals.gross_readings import gross_readings, noise_beside_line
+from rotary_error_monitor.signals.gross_readings import gross_readings
+from rotary_error_monitor.signals.reading_noise import noise_beside_line
 from rotary_error_monitor.twin.recording import SignalStream, StageRecording
 
 SEEN = 1e-6

@@ -20,8 +20,8 @@ from rotary_error_monitor.description.streams import FORCE
 from rotary_error_monitor.gap.problem import FIRST_ORDER
 from rotary_error_monitor.kinds.stage.other_twin import Course, Late, OtherTwin, Pushed, Scaled
 from rotary_error_monitor.metrology.forces import LoadCell, load_cell, shares
-from rotary_error_monitor.metrology.reading_noise import noise_of
 from rotary_error_monitor.metrology.reading_steps import step_of
+from rotary_error_monitor.signals.reading_noise import noise_of
 from rotary_error_monitor.twin.recording import SignalStream, StageRecording
 from rotary_error_monitor.twin.stage import NEIGHBOURS, StageTwin
 

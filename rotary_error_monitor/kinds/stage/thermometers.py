@@ -9,9 +9,9 @@ import numpy as np
 
 from rotary_error_monitor.description.listed_sensors import ListedSensor
 from rotary_error_monitor.description.stage import StageDescription
-from rotary_error_monitor.metrology.reading_noise import noise_of
 from rotary_error_monitor.metrology.repeated_readings import longest_run, run_by_chance
 from rotary_error_monitor.sensors.library import input_of
+from rotary_error_monitor.signals.reading_noise import noise_of
 from rotary_error_monitor.twin.recording import SignalStream, StageRecording
 
 LOUD = 3.0
