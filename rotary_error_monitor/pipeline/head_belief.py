@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Mapping, Sequence
-from itertools import islice
 
 from rotary_error_monitor.description.stage_limits import StageLimits
 from rotary_error_monitor.description.stage_section import Encoder
@@ -14,20 +13,18 @@ from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 from rotary_error_monitor.metrology.error_motion import KINK
 from rotary_error_monitor.pipeline.evidence import EVERYWHERE, PERSISTENT, SHORT, EvidenceWindow, Reach, Windows
 from rotary_error_monitor.pipeline.first_turn import OWN, FirstTurn
+from rotary_error_monitor.pipeline.head_history import HeadHistory, Shown
 from rotary_error_monitor.pipeline.lasting_contradiction import LastingContradiction
 from rotary_error_monitor.pipeline.ring_jumps import Change, RingJumps, change_between
 from rotary_error_monitor.pipeline.ring_scatter import RingScatter, StampsScatter
 from rotary_error_monitor.pipeline.turn_memory import CentreCourse, Held, distance
-from rotary_error_monitor.pipeline.wrong_head import Shown, fault_in_words, wrong_head
+from rotary_error_monitor.pipeline.wrong_head import fault_in_words, wrong_head
 
 AGREEMENT = 0.5
 """How long inputs that were doubted must agree before they are believed again, s."""
 
 WEAK = 3.0
 """Lasting contradiction, in standard deviations, from which the head that causes it is left out once it is known."""
-
-MEMORY = 1000
-"""Windows that are remembered to find the wrong head in, 10 s: a turn of a slow stage."""
 
 RETURNED = 0.1
 """Part of the contradiction, as chi-square, below which a head that was off counts as back: a third of its fault."""
@@ -99,6 +96,7 @@ class HeadBelief:
         self.settled = frozenset(heads)
         self._courses: dict[tuple[str, ...], CentreCourse] = {}
         self._first_turn, self._was_wrong = FirstTurn(), False
+        self._history = HeadHistory()
         self._scatter = RingScatter(timing)
         self._by_stamps = StampsScatter()
         self._last: tuple[int, float] | None = None
@@ -124,6 +122,7 @@ class HeadBelief:
     def forget_turn(self) -> None:
         """Forget where the ring was at which angle: the heads may count from another zero."""
         self._first_turn.forget()
+        self._history.forget_turns()
 
     @property
     def most(self) -> float:
@@ -164,11 +163,11 @@ class HeadBelief:
         self._restore(window, available)
         mean, there = window.mean, window.has("command")
         shown = mean.theta, mean.ecc if there else math.nan, mean.surplus_x, mean.surplus_y
-        self._history.append((shown, window.parity[: self._redundancy].tolist()))
         if self.redundant:
-            self._judge_redundant(window)
+            self._judge_redundant(window, shown)
         else:
-            self._judge_steps(window, rate)
+            self._history.add(window.number, shown, [], sure=False)
+            self._judge_steps(window, shown, rate)
 
     def are_calm(self, windows: Windows, available: Sequence[str]) -> bool:
         """Whether the same heads agree in windows that all have them, as they did before: nothing is to be judged."""
@@ -192,7 +191,9 @@ class HeadBelief:
             self._allow(number, duration, theta, variance, bend)
             tolerances.append(self._tolerance)
         shown = zip(mean.theta, mean.ecc, mean.surplus_x, mean.surplus_y, strict=True)
-        self._history.extend(zip(shown, windows.parity[:, : self._redundancy].tolist(), strict=True))
+        parity = windows.parity[:, : self._redundancy].tolist()
+        for each in zip(windows.numbers, shown, parity, strict=True):
+            self._history.add(*each, sure=True)
         weighed = self._weigh(mean.believed_agreement, mean.head_samples, tolerances, windows.ticks)
         if not self._is_bent(duration):
             places = windows.pairs("surplus")
@@ -254,17 +255,19 @@ class HeadBelief:
             weighed.append((self.scale, borne[place]))
         return weighed
 
-    def _judge_redundant(self, window: EvidenceWindow) -> None:
+    def _judge_redundant(self, window: EvidenceWindow, shown: Shown) -> None:
         found = window.mean.believed_agreement
         self._weigh([found], [window.mean.head_samples], [self._tolerance], window.ticks)
+        sure = not self.contradicting and not self.contradiction
+        self._history.add(window.number, shown, window.parity[: self._redundancy].tolist(), sure=sure)
         if not self.contradicting and not self.contradiction:
             if not self.settled.issuperset(self._believed):
                 self.settled |= frozenset(self._believed)
             # where heads show the ring that can be believed
             if not self._is_bent(window.duration):
                 self._course(window).follow_turn(window.number, [window.mean.theta], [window.pair("surplus")])
-                shown = window.number, window.mean.theta, window.pair("surplus"), window.mean.radial_variance
-                own = self._with_own(self.scale, *shown)
+                seen = window.number, window.mean.theta, window.pair("surplus"), window.mean.radial_variance
+                own = self._with_own(self.scale, *seen)
                 self.scale = own if self._was_wrong else self.scale
         if self._since >= SHORT and not self.contradiction:  # none of the last ones is beyond anything
             return
@@ -297,7 +300,7 @@ class HeadBelief:
         self._settle()
         return True
 
-    def _judge_steps(self, window: EvidenceWindow, rate: float) -> None:
+    def _judge_steps(self, window: EvidenceWindow, shown: Shown, rate: float) -> None:
         """Without redundancy: a step that no bearing makes, and that noise and stamps do not at such a rate.
 
         A step of a head lasts, so it is over only where the ring is again where it was at this angle before. So is
@@ -315,11 +318,11 @@ class HeadBelief:
         noise = math.sqrt(variance) * self._scatter.scale(rate)
         allowed = self._limits.radial_rate * window.duration + 6.0 * math.sqrt(2.0) * noise
         before, last, sure = course.turn.get(theta, moved), course.place, course.sure
-        here, *others = islice(reversed(self._history), 2)
-        change = change_between(others[0][0], here[0], self._radius) if others else None
+        earlier = self._history.before()
+        change = None if earlier is None else change_between(earlier, shown, self._radius)
         gap = course.number != window.number - 1
         course.follow(window.number, theta, place, sure=False)
-        slow = course.hold(Held(window.number, here[0], noise), self._limits.radial_rate * window.duration)
+        slow = course.hold(Held(window.number, shown, noise), self._limits.radial_rate * window.duration)
         if self.contradiction:
             # a jump within a gap may be less than what the bearing had the time for
             self._jumps.follow(change, jump=gap or (change is not None and max(map(abs, change[:2])) > allowed))
@@ -335,7 +338,7 @@ class HeadBelief:
             return
         if slow is not None and settled:
             self._jumps.forget_last()  # what was before is in it
-            change = change_between(slow.before, here[0], self._radius)
+            change = change_between(slow.before, shown, self._radius)
             self._contradict(change, slow.size, slow.most, slow.windows * window.duration)
             return
         self._jumps.follow(change, jump=False)
@@ -422,14 +425,15 @@ class HeadBelief:
         self._jumps = RingJumps()
         self._beyond: deque[tuple[bool, bool, float]] = deque(maxlen=SHORT)
         self._since = 0
-        self._history: deque[Shown] = deque(maxlen=MEMORY)
+        self._history.begin(self._believed)
         self._step = self._returning = 0.0
         self._untried = TRIES
 
     def forget_time(self) -> None:
         """The clock was set back: how much time has passed since the last window is not known; doubts stay."""
-        for each in (self._contradictions, self._beyond, self._history):
+        for each in (self._contradictions, self._beyond):
             each.clear()
+        self._history.forget_last()
         self._agreeing = 0.0
         self._scatter.forget_last()
         self._last = None

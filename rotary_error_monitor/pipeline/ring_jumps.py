@@ -62,7 +62,7 @@ class RingJumps:
 
 
 def change_between(before: Sequence[float], here: Sequence[float], radius: float) -> Change:
-    """Of what heads show in two windows, as in `wrong_head.Shown`, at a ring of a radius, m."""
+    """Of what heads show in two windows, as in `head_history.Shown`, at a ring of a radius, m."""
     (_, ecc_before, x_before, y_before), (_, ecc, x, y) = before, here
     return x - x_before, y - y_before, radius * (ecc - ecc_before)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 from rotary_error_monitor.pipeline.evidence import SIGMAS
 
@@ -14,45 +14,56 @@ ANGLES = 360
 
 _STEP = 2 * math.pi / ANGLES
 
+Seen = TypeVar("Seen")
 
-class TurnMemory:
-    """A vector in the plane for each angle of the rotor at which one was seen.
+
+class AngleMemory(Generic[Seen]):
+    """Something for each angle of the rotor at which it was seen.
 
     Attributes:
-        empty: whether there is none yet.
+        empty: whether there is nothing yet.
     """
 
     def __init__(self) -> None:
         """Nothing was seen."""
         # a list, no array: within a window the rotor passes but a few of them
-        self._seen: list[tuple[float, float] | None] = [None] * ANGLES
+        self._seen: list[Seen | None] = [None] * ANGLES
         self.empty = True
 
-    def put(self, theta: float, moved: float, vector: tuple[float, float]) -> None:
-        """Keep a mean over the angles (rad) from half of `moved` before `theta` to half of it behind."""
-        seen = self._seen
+    def put(self, theta: float, moved: float, seen: Seen) -> None:
+        """Keep what was seen over the angles (rad) from half of `moved` before `theta` to half of it behind."""
         for place in _places(theta, moved):
-            seen[place % ANGLES] = vector
+            self._seen[place % ANGLES] = seen
         self.empty = False
 
-    def complete(self, theta: float, moved: float, vector: tuple[float, float]) -> None:
-        """Keep a mean over angles as `put` does, but only where none was seen."""
-        seen = self._seen
+    def complete(self, theta: float, moved: float, seen: Seen) -> None:
+        """Keep what was seen as `put` does, but only where nothing was."""
         for place in _places(theta, moved):
-            if seen[place % ANGLES] is None:
-                seen[place % ANGLES] = vector
+            if self._seen[place % ANGLES] is None:
+                self._seen[place % ANGLES] = seen
         self.empty = False
+
+    def seen(self, theta: float, moved: float) -> list[Seen] | None:
+        """What was seen at each of these angles; None where that is not known of all."""
+        found = []
+        for place in _places(theta, moved):
+            each = self._seen[place % ANGLES]
+            if each is None:
+                return None
+            found.append(each)
+        return found
+
+
+class TurnMemory(AngleMemory[tuple[float, float]]):
+    """A vector in the plane for each angle of the rotor at which one was seen."""
 
     def get(self, theta: float, moved: float) -> tuple[float, float] | None:
         """The mean of what was seen at these angles; None where they are not all known."""
-        places = _places(theta, moved)
-        x = y = 0.0
-        for place in places:
-            vector = self._seen[place % ANGLES]
-            if vector is None:
-                return None
-            x, y = x + vector[0], y + vector[1]
-        return None if math.isnan(x) else (x / len(places), y / len(places))
+        found = self.seen(theta, moved)
+        if found is None:
+            return None
+        x, y = sum([each[0] for each in found]), sum([each[1] for each in found])
+        return None if math.isnan(x) else (x / len(found), y / len(found))
 
 
 class Held(NamedTuple):
@@ -60,7 +71,7 @@ class Held(NamedTuple):
 
     Attributes:
         number: of the window.
-        shown: what the heads show, as `wrong_head.Shown`.
+        shown: what the heads show, as `head_history.Shown`.
         noise: standard deviation of its place, m.
     """
 

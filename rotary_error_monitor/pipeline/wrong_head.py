@@ -4,26 +4,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import TypeAlias
 
 import numpy as np
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage_limits import StageLimits
-from rotary_error_monitor.metrology.agreement import Isolation, isolate_head, isolate_implausible, isolate_step
+from rotary_error_monitor.metrology.agreement import (
+    Isolation,
+    isolate_drift,
+    isolate_head,
+    isolate_implausible,
+    isolate_step,
+)
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 from rotary_error_monitor.pipeline.evidence import LONG, PERSISTENT, SHORT
+from rotary_error_monitor.pipeline.head_history import HeadHistory
 
 RECENT = 30
 """Changes of each kind that are looked at: more of them would be noise from before the fault."""
 
 
-Shown: TypeAlias = tuple[tuple[float, float, float, float], list[float]]
-"""What heads show in a window: rotation and distance from the command, rad, two components of the radial error motion,
-m; and their contradiction (P,), rad. Lists, for they are kept: a view would keep the block that it is of."""
-
-
-def wrong_head(layout: HeadLayout, history: Iterable[Shown], limits: StageLimits, radius: float) -> Isolation | None:
+def wrong_head(layout: HeadLayout, history: HeadHistory, limits: StageLimits, radius: float) -> Isolation | None:
     """The wrong one of the heads of a layout by what they showed, window by window; None where nothing tells it.
 
     Args:
@@ -32,27 +33,36 @@ def wrong_head(layout: HeadLayout, history: Iterable[Shown], limits: StageLimits
         limits: of the stage.
         radius: of the ring, m.
     """
-    shown, parity = zip(*history, strict=True)
-    # the angle by which the readings differ, also where it is large (Lou et al. 2019, Equation 3)
-    motion = np.array([(theta, ecc, math.atan(x / radius), math.atan(y / radius)) for theta, ecc, x, y in shown])
-    found = _isolations(layout, motion, np.array(parity), limits, radius)
+    found = _isolations(layout, history, limits, radius)
     return next((each for each in found if each is not None), None)
 
 
 def _isolations(
-    layout: HeadLayout, motion: Array, parity: Array, limits: StageLimits, radius: float
+    layout: HeadLayout, history: HeadHistory, limits: StageLimits, radius: float
 ) -> Iterable[Isolation | None]:
+    shown, parity = history.all_shown()
+    motion = _motion(shown, radius)
     if len(motion) >= PERSISTENT:
         last = slice(-PERSISTENT, None)
         radial = limits.radial / radius
         most = np.array([limits.following_error + limits.latency * limits.speed, radial, radial])
-        yield isolate_implausible(layout, motion[last, 1:], parity[last], most)
+        yield isolate_implausible(layout, motion[last], parity[last], most)
     steps = slice(-RECENT * SHORT, None)
     for lag in (1, 2):  # a step within a window shows its rest in the next one
-        yield isolate_step(layout, motion[steps, 1:], parity[steps], lag)
-    for lag in _lags(motion[:, 0]):
+        yield isolate_step(layout, shown[steps, 0], motion[steps], parity[steps], lag)
+    for lag in _lags(shown[:, 0]):
         recent = slice(-RECENT * lag, None)
-        yield isolate_head(layout, motion[recent, 1:], parity[recent], lag)
+        yield isolate_head(layout, motion[recent], parity[recent], lag)
+    shown, parity = history.unrepeated()
+    yield isolate_drift(layout, _motion(shown, radius), parity)
+
+
+def _motion(shown: Array, radius: float) -> Array:
+    """(n, 3) rotation against the command and radial components, rad: the angle by which the readings differ.
+
+    Also where it is large (Lou et al. 2019, Equation 3).
+    """
+    return np.column_stack([shown[:, 1], np.arctan(shown[:, 2:] / radius)])
 
 
 def _lags(theta: Array) -> Iterable[int]:

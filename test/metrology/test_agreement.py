@@ -9,6 +9,8 @@ from scipy.stats import chi2
 from rotary_error_monitor.metrology.agreement import (
     FAR,
     chi_square_bound,
+    independent_values,
+    isolate_drift,
     isolate_head,
     isolate_implausible,
     isolate_step,
@@ -70,6 +72,9 @@ def test_sound_heads_are_never_accused():
         assert isolate_head(layout, motion, parity, 1) is None
 
 
+TURNING = np.linspace(0.0, 1.0, STEPS)
+
+
 def jittering(layout, head, fault, generator):
     """A rotor whose drive jitters by counts, and whose radial motion a push changes in between, with such a fault."""
     rotor = np.cumsum(generator.normal(0.0, 1e-7, (STEPS, 3)), axis=0)
@@ -91,7 +96,7 @@ def test_a_step_of_a_few_counts_is_told_beside_a_drive_that_jitters_by_as_much(a
         fault = (np.arange(STEPS) >= 30) * generator.choice([-1, 1]) * generator.uniform(3, 25) * COUNT
         fault[30] *= generator.uniform()  # it begins within a window
         motion, parity = jittering(layout, head, fault, generator)
-        said = [isolate_step(layout, motion, parity, lag) for lag in (1, 2)]
+        said = [isolate_step(layout, TURNING, motion, parity, lag) for lag in (1, 2)]
         assert all(each is None or each.head == head for each in said)
         found += any(said)
         rough += isolate_head(layout, motion, parity, 1) is not None
@@ -112,7 +117,7 @@ def test_steps_accuse_nobody_who_did_not_step(two):
         for head, size in ((first, sizes[0]), (second, sizes[1])):
             motion = motion + np.outer(np.arange(STEPS) >= 30, size * layout.weights[:, head])
             parity = parity + np.outer(np.arange(STEPS) >= 30, size * layout.parity[:, head])
-        assert not any(isolate_step(layout, motion, parity, lag) for lag in (1, 2))
+        assert not any(isolate_step(layout, TURNING, motion, parity, lag) for lag in (1, 2))
 
 
 def test_a_contradiction_that_does_not_change_belongs_to_nobody():
@@ -199,3 +204,54 @@ def test_parity_of_four_heads_is_the_difference_of_the_sums_of_opposed_pairs():
 def test_the_bound_on_chi_square(freedom):
     exceeded = chi2.sf(chi_square_bound(freedom) * freedom, freedom)
     assert exceeded == pytest.approx(1e-4, rel=1e-6)
+
+
+LONG_COURSE = 800
+
+
+def pushed(layout, head, fault, generator):
+    """Over 8 s: a rotor that pushes move to and fro, each for about 0.1 s, and a head with such a fault."""
+    pushes = np.zeros((LONG_COURSE, 3))
+    for k in range(1, LONG_COURSE):
+        pushes[k] = 0.9 * pushes[k - 1] + generator.normal(0.0, 1e-6, 3)
+    readings = pushes @ layout.sensitivity.T + generator.normal(0.0, 1.5e-7, (LONG_COURSE, len(layout.azimuths)))
+    readings[:, head] += fault
+    return readings @ layout.weights.T, readings @ layout.parity.T
+
+
+@pytest.mark.parametrize("azimuths", [FOUR, FIVE, UNEVEN], ids=["four", "five", "uneven"])
+def test_a_slow_drift_is_told_where_it_goes_beyond_what_pushes_make(azimuths):
+    """No change over a second is more than what pushes make, so that roughness tells nothing."""
+    layout, found, rough = HeadLayout(azimuths), 0, 0
+    for seed in range(100):
+        generator = np.random.default_rng(seed)
+        head = int(generator.integers(len(azimuths)))
+        fault = np.linspace(0.0, generator.choice([-1, 1]) * generator.uniform(2e-5, 6e-5), LONG_COURSE)
+        motion, parity = pushed(layout, head, fault, generator)
+        said = isolate_drift(layout, motion, parity)
+        assert said is None or said.head == head
+        found += said is not None
+        rough += any(isolate_head(layout, motion, parity, lag) for lag in (1, 10, 100))
+    assert found >= 95 and rough <= 50
+
+
+def test_what_moves_as_slowly_as_a_contradiction_grows_leaves_it_open():
+    """One event, however many windows it lasts: warmth that moves the rotor as far as the fault would tells no head."""
+    layout = HeadLayout(FOUR)
+    for seed in range(200):
+        generator = np.random.default_rng(seed)
+        motion, parity = pushed(layout, 0, np.linspace(0.0, 4e-5, LONG_COURSE), generator)
+        warmth = np.outer(np.linspace(0.0, 1.0, LONG_COURSE) ** generator.uniform(0.5, 2.0), [0.0, 1.0, 1.0])
+        said = isolate_drift(layout, motion + warmth * generator.uniform(-4e-5, 4e-5, 3), parity)
+        assert said is None or said.head == 0
+
+
+def test_independent_values_are_fewer_the_longer_a_course_remembers():
+    """Of an autoregression with coefficient r they are (1 - r) / (1 + r) of its values (Box and Jenkins)."""
+    generator = np.random.default_rng(4)
+    for r in (0.0, 0.5, 0.9):
+        course = np.zeros((20_000, 1))
+        for k in range(1, len(course)):
+            course[k] = r * course[k - 1] + generator.normal()
+        assert independent_values(course) == pytest.approx(len(course) * (1 - r) / (1 + r), rel=0.25)
+    assert independent_values(np.zeros((10, 0))) == 1.0
