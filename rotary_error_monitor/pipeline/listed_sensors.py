@@ -15,9 +15,10 @@ from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.streams import AUTOCOLLIMATOR
 from rotary_error_monitor.metrology.agreement import chi_square_bound
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
-from rotary_error_monitor.metrology.rigid_motion import Seen, disagreement, disagreements, extend
+from rotary_error_monitor.metrology.rigid_motion import Seen, combine, disagreement, disagreements, extend
 from rotary_error_monitor.pipeline.evidence import SHORT, WindowGrid
 from rotary_error_monitor.pipeline.head_belief import WEAK
+from rotary_error_monitor.pipeline.joint_limits import JointLimits
 from rotary_error_monitor.pipeline.listed_belief import SensorBelief, SensorWindow
 from rotary_error_monitor.pipeline.listed_readings import ListedReadings, ListedTicks
 from rotary_error_monitor.signals.resampling import Resampled
@@ -48,6 +49,7 @@ class ListedSensors:
         self._judges = [SensorBelief(field.sensor) for field in fields]
         self._pending: tuple[int, ListedTicks] | None = None
         self._conflicts: deque[float] = deque(maxlen=SHORT)
+        self._limits, self._impossible = JointLimits(stage.limits), np.zeros(len(fields), np.bool_)
         self._alone = stage.encoder is None
 
     @property
@@ -58,12 +60,16 @@ class ListedSensors:
             if judge.doubt:
                 which = f"{field.kind.fields[field.place]}: " if len(field.kind.fields) > 1 else ""
                 found.setdefault(field.stream, which + judge.doubt)
+        for place in np.flatnonzero(self._impossible):
+            found.setdefault(self._streams[place], self._limits.doubt)
         return iter(found.items())
 
     def reset(self) -> None:
         """Believe all sensors again."""
         self._pending = None
         self._conflicts.clear()
+        self._limits.reset()
+        self._impossible[:] = False
         for judge in self._judges:
             judge.reset()
 
@@ -202,16 +208,26 @@ class ListedSensors:
         # held against what is stated, also while more counts: it may cease to from one window to the next
         variance = shown.noise[:, chosen].sum(axis=0) / ticks / samples + self._readings.stated[chosen]
         variance += (shown.turned[:, chosen] ** 2 + shown.late[:, chosen] ** 2).max(axis=0)
-        chi_square, freedom = disagreement(motion, Seen(self.sensitivity[chosen], reading[None], variance[None]))
+        seen = Seen(self.sensitivity[chosen], reading[None], variance[None])
+        self._hold_against_limits(motion, seen)
+        chi_square, freedom = disagreement(motion, seen)
         ratio = chi_square / freedom if freedom else 0.0
         self._conflicts.append(math.sqrt(ratio) if freedom and ratio > chi_square_bound(freedom) else 1.0)
+
+    def _hold_against_limits(self, motion: ErrorMotion, seen: Seen) -> None:
+        """Use none of the sensors that together show what the stage cannot do, until they do not any more."""
+        joined, known = combine(motion, seen), motion.observable[0]
+        pose, std = joined.components[0], np.sqrt(np.diagonal(joined.covariance[0]))
+        self._limits.judge(self._grid.duration, float(motion.theta[0]), joined.observable[0] & ~known, pose, std)
+        self._impossible[:] = self.sensitivity[:, ~known].any(axis=1) if self._limits.doubt else False
 
     def _allowed(self, shown: ListedTicks) -> NDArray[np.bool_]:
         """(m, p) which fields of a part of a window can be used: those of sensors of which all can."""
         judges = self._judges
         middle, reach = np.array([judge.middle for judge in judges]), np.array([judge.reach for judge in judges])
         near = np.abs(shown.surplus - middle) <= reach
-        return self._whole(shown.there & self._believed() & near & (np.abs(shown.surplus) <= shown.bound))
+        able = shown.there & self._believed() & ~self._impossible
+        return self._whole(able & near & (np.abs(shown.surplus) <= shown.bound))
 
     def _believed(self) -> NDArray[np.bool_]:
         """(p,) which fields are of sensors that are believed."""
