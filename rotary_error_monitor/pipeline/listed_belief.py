@@ -108,6 +108,7 @@ class SensorBelief:
 
     Attributes:
         doubt: why the sensor is not believed; empty while it is.
+        since: number of the window from which on it is doubted.
         scale: by which its stated standard deviation is to be multiplied.
         middle, reach: where the surplus can be at the next ticks, in the unit of the field.
     """
@@ -123,7 +124,7 @@ class SensorBelief:
 
     def reset(self) -> None:
         """Believe the sensor again."""
-        self.doubt = ""
+        self.doubt, self.since = "", 0
         self.scale = 1.0
         self._excess, self._own_excess = Excess(), Excess()
         self.middle, self.reach = 0.0, math.inf
@@ -145,6 +146,26 @@ class SensorBelief:
         self._gone_since.clear()
         self.middle, self.reach = 0.0, math.inf
 
+    def retract(self) -> None:
+        """Believe it: what it was held against was wrong, and so is by how much it scattered about that."""
+        self.doubt = ""
+        self._excess, self._own_excess = Excess(), Excess()
+        self.pause()
+
+    def change(self, window: SensorWindow) -> tuple[float, float] | None:
+        """By how much the surplus is not what it was at this angle a turn ago, else in the last window; None where
+        neither is known. With its standard deviation, as far as what is not stated may have changed it.
+        """
+        turned, last = self._turned(window), self._last
+        before = self._turn.get(window.theta, turned)
+        if last is None or window.unknown != last.unknown:
+            return None
+        if before is None or window.unknown > 0.0:
+            noise = self._noise_scale() * math.hypot(window.deviation, last.deviation)
+            return window.surplus - last.surplus, noise + window.rate * window.duration / SIGMAS
+        noise = self._noise_scale() * math.hypot(window.deviation, before[1])
+        return window.surplus - before[0], math.hypot(noise, window.stamps) + self._blurred(window, turned) / SIGMAS
+
     def judge(self, window: SensorWindow) -> None:
         """Take in a window."""
         stuck = self._is_stuck(window) or self._stands(window)
@@ -158,6 +179,7 @@ class SensorBelief:
         self._excess.add(window.scatter, window.variance, freedom)
         self._own_excess.add(window.own_scatter, window.own, freedom)
         if wrong and not self.doubt:
+            self.since = window.number
             self._before = sum(self._recent) / len(self._recent) if self._recent else 0.0
             self._near = STAYED * (abs(window.surplus - self._before) if step else window.unknown)
             self._recent.clear()
@@ -260,8 +282,7 @@ class SensorBelief:
         if before is None or stamps is None or self._last is None or window.unknown > 0.0:
             self._gone_since.clear()
             return ""
-        # the same angle is found again to within one of those that are told apart
-        blurred = abs(window.surplus - self._last.surplus) * min(1.0, 2 * math.pi / ANGLES / max(abs(turned), 1e-9))
+        blurred = self._blurred(window, turned)
         noise = self._noise_scale() * math.hypot(window.deviation, before[1])
         self._gone_since.append((window.surplus - before[0], noise, blurred))
         for count in (1, SHORT):
@@ -275,6 +296,11 @@ class SensorBelief:
                 return f"{size} from where it was at this angle a turn ago; other sensors did not see that"
             self._shifted = gone if gone > 0.5 * near else 0.0  # less is noise
         return ""
+
+    def _blurred(self, window: SensorWindow, turned: float) -> float:
+        """What the surplus may change by within the angle to which an angle of a turn ago is found again."""
+        step = 0.0 if self._last is None else abs(window.surplus - self._last.surplus)
+        return step * min(1.0, 2 * math.pi / ANGLES / max(abs(turned), 1e-9))
 
     def _noise_scale(self) -> float:
         """By which the standard deviation of the surplus is to be multiplied."""

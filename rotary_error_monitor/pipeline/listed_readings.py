@@ -59,6 +59,9 @@ class ListedTicks:
             tells it.
         tilt: (m, p) of `variance` the noise of the autocollimator, also by the lever of a probe: it comes at its rate.
         late: (m, p) displacement that the sensor's reading goes through in one standard deviation of its own stamps.
+        doubts: (m,) bit mask of what was not believed, bits as in `DOUBTS`.
+        refused: (m, 3) tilt of an autocollimator that the listed sensors contradict, and its variance by noise; else
+            NaN.
     """
 
     theta: Array
@@ -80,6 +83,8 @@ class ListedTicks:
     turned: Array
     tilt: Array
     late: Array
+    doubts: NDArray[np.int64]
+    refused: Array
 
     @property
     def bound(self) -> Array:
@@ -149,6 +154,7 @@ class ListedReadings:
         sampled: Mapping[str, Resampled],
         rates: Mapping[str, float | Array],
         late_tilt: Array | None = None,
+        refused: Array | None = None,
     ) -> ListedTicks:
         """What the sensors show at m ticks.
 
@@ -159,6 +165,7 @@ class ListedReadings:
             sampled: each stream at the ticks.
             rates: samples per s around each tick of each stream whose latency is uncertain.
             late_tilt: (m, 2) variance of the tilt by when the autocollimator read it, rad², where that is uncertain.
+            refused: (m, 3) as in `ListedTicks`.
         """
         described = described_error_motion(self._spindle, motion.theta)
         expected = np.where(motion.observable, motion.components, described)
@@ -188,6 +195,8 @@ class ListedReadings:
             turned,
             np.maximum(by_tilt - air, 0.0),
             late,
+            motion.doubts,
+            np.full((len(motion.theta), 3), np.nan) if refused is None else refused,
         )
 
     def _by_others(

@@ -16,12 +16,17 @@ from rotary_error_monitor.description.streams import AUTOCOLLIMATOR
 from rotary_error_monitor.metrology.agreement import chi_square_bound
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.metrology.rigid_motion import Seen, combine, disagreement, disagreements, extend
-from rotary_error_monitor.pipeline.evidence import SHORT, WindowGrid
+from rotary_error_monitor.pipeline.evidence import INDEX as EVIDENCE
+from rotary_error_monitor.pipeline.evidence import LONG, SHORT, SIGMAS, WindowGrid
 from rotary_error_monitor.pipeline.head_belief import WEAK
 from rotary_error_monitor.pipeline.joint_limits import JointLimits
 from rotary_error_monitor.pipeline.listed_belief import SensorBelief, SensorWindow
 from rotary_error_monitor.pipeline.listed_readings import ListedReadings, ListedTicks
+from rotary_error_monitor.pipeline.tilt_by_others import TILT, TiltByOthers
+from rotary_error_monitor.pipeline.verdict import DOUBTS
 from rotary_error_monitor.signals.resampling import Resampled
+
+AUTOCOLLIMATOR_DOUBTED = 1 << DOUBTS.index("autocollimator")
 
 
 class ListedSensors:
@@ -51,6 +56,9 @@ class ListedSensors:
         self._conflicts: deque[float] = deque(maxlen=SHORT)
         self._limits, self._impossible = JointLimits(stage.limits), np.zeros(len(fields), np.bool_)
         self._alone = stage.encoder is None
+        self._tilt, self._tilt_bit = TiltByOthers(), bits[AUTOCOLLIMATOR] if stage.autocollimator else 0
+        self._tilt_doubted = False
+        self._unless: dict[str, str] = {}  # what may be wrong in the place of a sensor, by its stream
 
     @property
     def reasons(self) -> Iterator[tuple[str, str]]:
@@ -59,7 +67,9 @@ class ListedSensors:
         for field, judge in zip(self._readings.fields, self._judges, strict=True):
             if judge.doubt:
                 which = f"{field.kind.fields[field.place]}: " if len(field.kind.fields) > 1 else ""
-                found.setdefault(field.stream, which + judge.doubt)
+                found.setdefault(field.stream, which + judge.doubt + self._unless.get(field.stream, ""))
+        if self._tilt.doubt:
+            found[AUTOCOLLIMATOR] = self._tilt.doubt
         for place in np.flatnonzero(self._impossible):
             found.setdefault(self._streams[place], self._limits.doubt)
         return iter(found.items())
@@ -69,6 +79,7 @@ class ListedSensors:
         self._pending = None
         self._conflicts.clear()
         self._limits.reset()
+        self._tilt.reset()
         self._impossible[:] = False
         for judge in self._judges:
             judge.reset()
@@ -105,11 +116,46 @@ class ListedSensors:
             near: (m,) samples per s around each tick of the sensors that may be `late`.
             late_tilt: (m, 2) variance of the tilt by when the autocollimator read it, rad², where that is uncertain.
         """
+        parts, begin = [], 0
+        while begin < len(motion.theta):
+            rest, index = slice(begin, None), np.arange(begin, len(motion.theta))
+            part, done = self._complete(
+                first + begin,
+                motion.at(index) if begin else motion,
+                usable[rest],
+                {name: each.at(index) for name, each in sampled.items()} if begin else sampled,
+                rates,
+                {place - begin: said for place, said in decided.items() if place >= begin},
+                evidence[rest],
+                {name: each[rest] for name, each in near.items()},
+                None if late_tilt is None else late_tilt[rest],
+            )
+            parts.append(part)
+            begin += done
+        return ErrorMotion.joined(parts)
+
+    def _complete(
+        self,
+        first: int,
+        motion: ErrorMotion,
+        usable: NDArray[np.bool_],
+        sampled: Mapping[str, Resampled],
+        rates: Mapping[str, float],
+        decided: Mapping[int, tuple[float, float]],
+        evidence: Array,
+        near: Mapping[str, Array],
+        late_tilt: Array | None,
+    ) -> tuple[ErrorMotion, int]:
+        """The same as long as the autocollimator is taken or not, and of how many ticks."""
         there = (motion.streams[:, None] & self._bits != 0) & usable[:, None]
-        shown = self._readings.make(motion, evidence, there, sampled, near, late_tilt)
+        motion, refused = self._without_refused(motion, evidence)
+        shown = self._readings.make(motion, evidence, there, sampled, near, late_tilt, refused)
         used, scale, conflict = self._assess(first, shown, rates)
+        done = len(used)
+        motion, there, shown = motion.at(slice(done)), there[:done], shown.part(slice(done))
         for place, said in decided.items():
-            used[place], (scale[place], conflict[place]) = there[place], said
+            if place < done:
+                used[place], (scale[place], conflict[place]) = there[place], said
         bits = self._bits[self._first]
         choices = (used[:, self._first] * bits).sum(axis=1)
         variance = shown.noise * scale[:, None] ** 2 + shown.systematic + shown.common
@@ -117,7 +163,26 @@ class ListedSensors:
             conflict = np.maximum(conflict, self._conflict_of(motion, choices, shown.reading, variance))
         streams = motion.streams & ~int(bits.sum()) | choices
         used_too = replace(motion, streams=streams, sensor_scale=scale, sensor_conflict=conflict)
-        return self._joined(used_too, choices, shown.reading, variance * conflict[:, None] ** 2)
+        return self._joined(used_too, choices, shown.reading, variance * conflict[:, None] ** 2), done
+
+    def _without_refused(self, motion: ErrorMotion, evidence: Array) -> tuple[ErrorMotion, Array]:
+        """Error motion without the tilt of an autocollimator that is contradicted; that (m, 3), as in `ListedTicks`."""
+        refused = np.full((len(motion.theta), 3), np.nan)
+        if not self._tilt.doubt:
+            return motion, refused
+        taken: NDArray[np.bool_] = np.asarray(motion.observable[:, TILT].all(axis=1))
+        refused[taken, :2] = motion.components[taken, TILT]
+        refused[taken, 2] = evidence[taken, EVIDENCE["tilt_variance"]]
+        whole = replace(
+            motion,
+            components=motion.components.copy(),
+            observable=motion.observable.copy(),
+            covariance=motion.covariance.copy(),
+            streams=np.where(taken, motion.streams & ~self._tilt_bit, motion.streams),
+            doubts=np.where(taken, motion.doubts | AUTOCOLLIMATOR_DOUBTED, motion.doubts),
+        )
+        whole.hide(taken, range(TILT.start, TILT.stop))
+        return whole, refused
 
     def _conflict_of(self, motion: ErrorMotion, choices: NDArray[np.int64], reading: Array, variance: Array) -> Array:
         """(m,) by which the standard deviations of the chosen sensors are raised for what a tick itself shows.
@@ -159,7 +224,8 @@ class ListedSensors:
         """(m, p) which fields are used, and (m,) each by which their standard deviations are multiplied: for noise
         beyond what is stated, and for contradictions among them.
 
-        What windows say holds for the ticks after them, however many of these come at once.
+        What windows say holds for the ticks after them, however many of these come at once. It ends where the
+        autocollimator is taken no more, or again: what the ticks after that show is held against something else.
         """
         count, before = len(shown.there), 0
         pending, self._pending = self._pending, None
@@ -167,8 +233,10 @@ class ListedSensors:
             first, before = pending[0], len(pending[1].there)
             shown = pending[1].followed_by(shown)
         used, scale, conflict = np.zeros((count, len(self._judges)), np.bool_), np.ones(count), np.ones(count)
-        begin = 0
+        begin, taken = 0, not self._tilt.doubt
         while begin < len(shown.there):
+            if taken == bool(self._tilt.doubt):
+                return used[: begin - before], scale[: begin - before], conflict[: begin - before]
             end = min((self._grid.number(first + begin) + 1) * self._grid.ticks - first, len(shown.there))
             part = shown.part(slice(begin, end))
             fresh = slice(max(begin - before, 0), end - before)
@@ -209,17 +277,26 @@ class ListedSensors:
         variance = shown.noise[:, chosen].sum(axis=0) / ticks / samples + self._readings.stated[chosen]
         variance += (shown.turned[:, chosen] ** 2 + shown.late[:, chosen] ** 2).max(axis=0)
         seen = Seen(self.sensitivity[chosen], reading[None], variance[None])
-        self._hold_against_limits(motion, seen)
+        joined = self._hold_against_limits(motion, seen)
+        off = np.mean(shown.refused, axis=0)
+        if self._tilt.doubt and joined.observable[0, TILT].all():
+            slower = max(1.0, ticks * min(1.0, rates.get(AUTOCOLLIMATOR, 0.0) * self._period))
+            std = np.sqrt(off[2] / slower + np.diagonal(joined.covariance[0])[TILT])
+            self._tilt.follow(self._grid.duration, off[:2] - joined.components[0, TILT], std)
         chi_square, freedom = disagreement(motion, seen)
         ratio = chi_square / freedom if freedom else 0.0
         self._conflicts.append(math.sqrt(ratio) if freedom and ratio > chi_square_bound(freedom) else 1.0)
 
-    def _hold_against_limits(self, motion: ErrorMotion, seen: Seen) -> None:
-        """Use none of the sensors that together show what the stage cannot do, until they do not any more."""
+    def _hold_against_limits(self, motion: ErrorMotion, seen: Seen) -> ErrorMotion:
+        """Use none of the sensors that together show what the stage cannot do, until they do not any more.
+
+        Gives what they show, with what is known.
+        """
         joined, known = combine(motion, seen), motion.observable[0]
         pose, std = joined.components[0], np.sqrt(np.diagonal(joined.covariance[0]))
         self._limits.judge(self._grid.duration, float(motion.theta[0]), joined.observable[0] & ~known, pose, std)
         self._impossible[:] = self.sensitivity[:, ~known].any(axis=1) if self._limits.doubt else False
+        return joined
 
     def _allowed(self, shown: ListedTicks) -> NDArray[np.bool_]:
         """(m, p) which fields of a part of a window can be used: those of sensors of which all can."""
@@ -238,16 +315,63 @@ class ListedSensors:
         return np.asarray(np.logical_and.reduceat(fields, self._first, axis=-1)[..., self._owner])
 
     def _judge(self, number: int, shown: ListedTicks, rates: Mapping[str, float]) -> None:
-        ticks = self._grid.ticks
-        for place, (stream, judge) in enumerate(zip(self._streams, self._judges, strict=True)):
-            if not shown.there[:, place].all():
+        windows = dict(self._windows(number, shown, rates))
+        tilt_shown = bool(shown.observable[:, TILT].all())
+        doubted = self._tilt_doubted
+        self._tilt_doubted = bool(shown.doubts[0] & AUTOCOLLIMATOR_DOUBTED)
+        if self._tilt_doubted and not doubted:
+            self._retract(number)
+        open_ = [bool(self._unless.get(stream)) for stream in self._streams]
+        believed = self._believed() | self._whole(np.array(open_, np.bool_))
+        changes = {
+            place: change
+            for place, window in windows.items()
+            if believed[place] and (change := self._judges[place].change(window)) is not None
+        }
+        for place, judge in enumerate(self._judges):
+            if place in windows:
+                judge.judge(windows[place])
+            else:
                 judge.pause()
+        if tilt_shown:
+            self._blame(number, changes)
+
+    def _blame(self, number: int, changes: Mapping[int, tuple[float, float]]) -> None:
+        """Who is wrong where sensors show what the autocollimator does not, doubted from this window on or before."""
+        doubted = [
+            self._streams[place]
+            for place in changes
+            if self._judges[place].doubt
+            and (self._judges[place].since == number or self._unless.get(self._streams[place]))
+        ]
+        if not doubted and all(abs(change) < SIGMAS * std for change, std in changes.values()):
+            return
+        instead = self._tilt.blame(self.sensitivity, self._owner, changes)
+        self._unless.update(dict.fromkeys(doubted, instead))
+        if self._tilt.doubt:
+            self._retract(number)
+
+    def _retract(self, number: int) -> None:
+        """The autocollimator is wrong, and so is what was doubted of late for it was held against that."""
+        for place in np.flatnonzero(self.sensitivity[:, TILT].any(axis=1)).tolist():
+            judge, stream = self._judges[place], self._streams[place]
+            if not judge.doubt or judge.since >= number - LONG or self._unless.pop(stream, ""):
+                judge.retract()
+
+    def _windows(
+        self, number: int, shown: ListedTicks, rates: Mapping[str, float]
+    ) -> Iterator[tuple[int, SensorWindow]]:
+        """What the fields say over a window, by their places, where all of it is there."""
+        ticks = self._grid.ticks
+        for place, stream in enumerate(self._streams):
+            if not shown.there[:, place].all():
                 continue
             samples = ticks * min(1.0, rates[stream] * self._period)
             surplus = shown.surplus[:, place]
             # of the autocollimator less than one sample a window where it is slow: the next windows hold the same
             slower = ticks * min(1.0, rates.get(AUTOCOLLIMATOR, math.inf) * self._period)
-            judge.judge(
+            yield (
+                place,
                 SensorWindow(
                     number,
                     self._grid.duration,
@@ -266,7 +390,7 @@ class ListedSensors:
                     float(shown.unknown[:, place].max()),
                     float(shown.rate[:, place].max()),
                     _shared(float(shown.tilt[:, place].sum() / ticks), slower, samples),
-                )
+                ),
             )
 
 
