@@ -341,7 +341,7 @@ def _contradictions(section: StageSection) -> Iterator[tuple[Place, str]]:
     yield from ((("sensors", *place), told) for place, told in sensors_at_one_place(section.sensors))
     for name, sensor in section.sensors.items():
         read = listed_sensor(sensor)
-        for limit, values in (("resolution", (read.resolution,)), ("zero", read.zeros)):
+        for limit, values in (("noise", (read.noise,)), ("resolution", (read.resolution,)), ("zero", read.zeros)):
             if max(map(abs, values)) >= read.range:
                 said = values[0] if len(values) == 1 else list(values)
                 yield ("sensors", name, limit), f"{said} is beyond the range of {read.range} {read.unit}"

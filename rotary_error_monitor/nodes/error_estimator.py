@@ -219,7 +219,7 @@ class ErrorEstimator(ManagedNode):
 
     def _estimate_condition(self, now_ns: int) -> Condition:
         status, flow = self._estimator.status, self._output.report(now_ns)
-        totals = (status.withheld, status.unobservable, status.saturated)
+        totals = (status.withheld, status.unobservable, status.saturated.total())
         withheld, unobservable, saturated = (now - before for now, before in zip(totals, self._reported, strict=True))
         self._reported = totals
         unjoined, self._unjoined = status.unjoined - self._unjoined, status.unjoined.copy()
@@ -334,7 +334,7 @@ class ErrorEstimator(ManagedNode):
             "estimates": status.estimates,
             "withheld": status.withheld,
             "impossible": status.unobservable,
-            "saturated_samples": status.saturated,
+            "saturated_samples": status.saturated.total(),
             "clock_set_back": status.restarts,
             "whole_turns_taken_out": status.turns,
             "disagreement_sigma": status.disagreement,

@@ -221,7 +221,7 @@ class Estimator:
         saturated = is_saturated(self._stage, name, block)
         if not saturated.any():
             return block
-        self.status.saturated += int(saturated.sum())
+        self.status.saturated[name] += int(saturated.sum())
         return SampleBlock(block.stamp_ns, block.names, block.rows[~saturated])
 
     def _decided_until(self, stream: SampleStream, before: int) -> int:

@@ -74,7 +74,7 @@ class EstimatorStatus:
         estimates: ticks published.
         withheld: ticks not published because the heads contradict one another.
         unobservable: ticks not published because too few heads were there to tell the rotation.
-        saturated: samples of autocollimator and listed sensors at the end of the measuring range.
+        saturated: samples of autocollimator and listed sensors at the end of the measuring range, by stream.
         restarts: how often everything began anew because the clock was set back.
         turns: whole turns that were taken out of the heads, to count as the command does.
         absent: streams that nobody waits for now.
@@ -92,11 +92,11 @@ class EstimatorStatus:
     estimates: int = 0
     withheld: int = 0
     unobservable: int = 0
-    saturated: int = 0
     restarts: int = 0
     turns: int = 0
     absent: tuple[str, ...] = ()
     sparse: tuple[str, ...] = ()
+    saturated: Counter[str] = field(default_factory=Counter)
     unjoined: Counter[str] = field(default_factory=Counter)
     joined: int = 0
     refused: Counter[tuple[str, str]] = field(default_factory=Counter)

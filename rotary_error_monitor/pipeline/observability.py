@@ -6,13 +6,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 from rotary_error_monitor.metrology.error_motion import COMPONENTS
 from rotary_error_monitor.metrology.rigid_motion import observable_components, redundant_sensors
 from rotary_error_monitor.sensors.library import listed_fields, listed_sensitivity
 
 
 def possible_components(stage: StageDescription) -> tuple[str, ...]:
-    """Components of error motion that heads, command, autocollimator and listed sensors determine."""
+    """Components of error motion that heads, command, autocollimator and listed sensors determine.
+
+    None without the rotation, at which all that turns with the rotor is taken off.
+    """
+    if stage.encoder is not None and "theta" not in rotation_and_centre(stage):
+        return ()
     seen = observable_components(_without_listed(stage), listed_sensitivity(listed_fields(stage)))
     return tuple(name for name, there in zip(COMPONENTS, seen.tolist(), strict=True) if there)
 
@@ -33,5 +39,13 @@ def rotation_is_lacking(stage: StageDescription) -> str:
 
 
 def _without_listed(stage: StageDescription) -> NDArray[np.bool_]:
-    ring, tilt = stage.encoder is not None, stage.autocollimator is not None
-    return np.array([ring, ring, False, tilt, tilt, ring])
+    """(6,) components that heads, command and autocollimator determine, all of them there."""
+    seen = rotation_and_centre(stage)
+    tilt = stage.autocollimator is not None
+    return np.array(["x" in seen, "y" in seen, False, tilt, tilt, "theta" in seen])
+
+
+def rotation_and_centre(stage: StageDescription) -> tuple[str, ...]:
+    """Which of rotation and ring's centre (`theta`, `x`, `y`) the heads determine, each free of the others."""
+    heads = {} if stage.encoder is None else stage.encoder.azimuths
+    return HeadLayout(tuple(heads.values())).observable if len(heads) > 1 else ()

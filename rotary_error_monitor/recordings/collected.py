@@ -51,6 +51,7 @@ class Collected:
         self.spans: dict[str, MessageSpans] = {}
         self.refused: dict[tuple[str, str], tuple[int, str]] = {}
         self.samples_refused: dict[str, dict[str, int]] = {}
+        self.saturated: dict[str, int] = {}
         self.doubted: dict[str, str] = {}
         self.holds: dict[str, str] = {}
         self._joints_arrival = ArrivalCheck()
@@ -117,6 +118,7 @@ class Collected:
         """Take note of what the estimator does not believe, with the first reason for each, and of samples refused."""
         for what, why in estimator.reasons:
             self.doubted.setdefault(what, why)
+        self.saturated = dict(estimator.status.saturated)
         for name, stream in estimator.status.streams.items():
             if stream.admission.refused:
                 self.samples_refused[name] = dict(stream.admission.refused)
@@ -127,6 +129,8 @@ class Collected:
             yield f"{topic}: {count} messages {what}, the first: {first}"
         for name, reasons in self.samples_refused.items():
             yield f"{name}: samples refused: " + ", ".join(f"{count} {why}" for why, count in reasons.items() if count)
+        for name, count in self.saturated.items():
+            yield f"{name}: {count} samples at or beyond the end of its range were not used; is its unit right?"
         for what, why in self.doubted.items():
             yield f"{what}: not believed at some time: {why}"
         for why in self.holds.values():

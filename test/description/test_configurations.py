@@ -90,7 +90,8 @@ def stages(draw: st.DrawFn) -> Any:
         largest = min(0.5 * sensor["range"], 100.0)  # of a thermometer in K; of others the range is below that anyway
         zeros = [largest * draw(st.floats(-1.0, 1.0)) for _ in fields]
         sensor["zero"] = zeros if len(fields) > 1 else zeros[0]
-        sensor["resolution"] = min(sensor["resolution"], 0.5 * sensor["range"])
+        for name in ("noise", "resolution"):
+            sensor[name] = min(sensor[name], 0.5 * sensor["range"])
     heads = section.get("encoder", {}).get("heads", {})
     if heads:  # no two at one place, at a ring before which so many have room
         ring = section["encoder"]

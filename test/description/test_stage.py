@@ -109,6 +109,7 @@ def test_each_name_that_is_accepted_is_one_that_the_twin_knows():
     [
         (14, 38, {}, r"stage\.sensors: 38 sensors beside 14 heads; a mask of streams has place for 51 of both"),
         (4, 1, {"zero": 1e-3}, r"stage\.sensors\.s0\.zero: 0\.001 is beyond the range of 0\.0001 m"),
+        (4, 1, {"noise": 1e-4}, r"stage\.sensors\.s0\.noise: 0\.0001 is beyond the range of 0\.0001 m"),
         (4, 1, {"resolution": 2e-4}, r"stage\.sensors\.s0\.resolution: 0\.0002 is beyond the range"),
         (4, 1, {"uncertainty": 0.0}, r"stage\.sensors\.s0\.uncertainty: .* 0\.1 nm or more"),
     ],

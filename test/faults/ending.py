@@ -112,7 +112,7 @@ class _Counts:
         status = self._estimator.status
         yield "withheld", status.withheld
         yield "impossible", status.unobservable
-        yield "saturated", status.saturated
+        yield "saturated", status.saturated.total()
         for (name, reason), count in status.refused.items():
             yield f"{name} refused: {reason}", count
         for name, count in status.unjoined.items():

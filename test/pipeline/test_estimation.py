@@ -342,7 +342,7 @@ def test_a_saturated_autocollimator_is_not_believed():
     everything["autocollimator"] = clipped
     estimator, result = run(in_order(everything))
     t = (result.times_ns - START) * 1e-9
-    assert estimator.status.saturated == 500
+    assert estimator.status.saturated == {"autocollimator": 500}
     assert not result.observable[(t > 0.2) & (t < 0.249)][:, 3:5].any()
     assert np.abs(result.components[:, 3]).max() < 2e-5
 
