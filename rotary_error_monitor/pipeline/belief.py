@@ -12,6 +12,7 @@ from rotary_error_monitor.metrology.periodic_curves import steepest
 from rotary_error_monitor.pipeline.command_belief import CommandBelief
 from rotary_error_monitor.pipeline.commanded_rotation import CommandedRotation
 from rotary_error_monitor.pipeline.evidence import (
+    AGREEMENT,
     EVERYWHERE,
     LONG,
     SHORT,
@@ -22,7 +23,7 @@ from rotary_error_monitor.pipeline.evidence import (
     Windows,
     are_uneven,
 )
-from rotary_error_monitor.pipeline.head_belief import AGREEMENT, HeadBelief
+from rotary_error_monitor.pipeline.head_belief import HeadBelief
 from rotary_error_monitor.pipeline.ring_belief import ABSENT, RingBelief
 from rotary_error_monitor.pipeline.stream_belief import StreamBelief
 from rotary_error_monitor.pipeline.tilt_belief import TiltBelief

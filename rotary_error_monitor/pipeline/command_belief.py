@@ -19,9 +19,8 @@ from rotary_error_monitor.pipeline.distance_noise import (
 from rotary_error_monitor.pipeline.distance_places import WindowDistance
 from rotary_error_monitor.pipeline.distance_reach import STEADY, DistanceReach
 from rotary_error_monitor.pipeline.distance_steps import Compared, DistanceStep, DistanceSteps
-from rotary_error_monitor.pipeline.evidence import LONG, SHORT, SIGMAS, EvidenceWindow, Reach, Windows
+from rotary_error_monitor.pipeline.evidence import AGREEMENT, LONG, SHORT, SIGMAS, EvidenceWindow, Reach, Windows
 from rotary_error_monitor.pipeline.far_distance import FarDistance
-from rotary_error_monitor.pipeline.head_belief import AGREEMENT
 from rotary_error_monitor.pipeline.ring_belief import ABSENT
 from rotary_error_monitor.pipeline.speed_slope import SpeedSlope
 from rotary_error_monitor.pipeline.standing_command import StandingCommand

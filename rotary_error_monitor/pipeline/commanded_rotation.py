@@ -6,8 +6,7 @@ import math
 
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.pipeline.command_belief import CommandBelief
-from rotary_error_monitor.pipeline.evidence import EvidenceWindow
-from rotary_error_monitor.pipeline.head_belief import AGREEMENT
+from rotary_error_monitor.pipeline.evidence import AGREEMENT, EvidenceWindow
 from rotary_error_monitor.pipeline.standing_command import STANDS
 from rotary_error_monitor.pipeline.standing_rotor import StandingRotor
 

@@ -22,6 +22,9 @@ WINDOW_NS = 10_000_000
 SHORT, LONG = 10, 100
 """Windows over which what is seen in one is averaged beside it: 0.1 s and 1 s."""
 
+AGREEMENT = 0.5
+"""How long inputs that were doubted must agree before they are believed again, s."""
+
 SIGMAS = 6.0
 """Standard deviations that noise does not reach in years."""
 

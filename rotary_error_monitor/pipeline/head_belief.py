@@ -11,26 +11,26 @@ from rotary_error_monitor.description.stage_section import Encoder
 from rotary_error_monitor.metrology.agreement import chi_square_bound
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 from rotary_error_monitor.metrology.error_motion import KINK
-from rotary_error_monitor.pipeline.evidence import EVERYWHERE, PERSISTENT, SHORT, EvidenceWindow, Reach, Windows
+from rotary_error_monitor.pipeline.evidence import (
+    AGREEMENT,
+    EVERYWHERE,
+    PERSISTENT,
+    SHORT,
+    EvidenceWindow,
+    Windows,
+)
 from rotary_error_monitor.pipeline.first_turn import OWN, FirstTurn
 from rotary_error_monitor.pipeline.head_history import HeadHistory, Shown
 from rotary_error_monitor.pipeline.lasting_contradiction import LastingContradiction
-from rotary_error_monitor.pipeline.ring_jumps import Change, RingJumps, change_between
-from rotary_error_monitor.pipeline.ring_scatter import RingScatter, StampsScatter
-from rotary_error_monitor.pipeline.turn_memory import CentreCourse, Held, distance
+from rotary_error_monitor.pipeline.ring_scatter import StampsScatter
+from rotary_error_monitor.pipeline.ring_steps import RingSteps
 from rotary_error_monitor.pipeline.wrong_head import fault_in_words, wrong_head
-
-AGREEMENT = 0.5
-"""How long inputs that were doubted must agree before they are believed again, s."""
 
 WEAK = 3.0
 """Lasting contradiction, in standard deviations, from which the head that causes it is left out once it is known."""
 
 RETURNED = 0.1
 """Part of the contradiction, as chi-square, below which a head that was off counts as back: a third of its fault."""
-
-RETURNED_STEP = 0.5
-"""Part of a step within which the ring counts as back where it was: nearer to that than to where it stepped to."""
 
 TRIES = 5
 """Windows from one attempt to find the wrong head to the next."""
@@ -53,8 +53,6 @@ class HeadBelief:
             make of theirs contradicts no other head.
         contradicting: whether the heads contradicted one another in the last window, beyond what is borne.
         redundant: whether a further fault of a head would show.
-        settled: heads that were never silent, or are where they were before: others would have to show that they lost
-            counts meanwhile.
         uneven: whether some heads have many more samples per s than others; whoever knows sets it.
         reach: where the part of the radial error motion that is not described can be at the next ticks, where only that
             tells a fault.
@@ -91,13 +89,11 @@ class HeadBelief:
         self._layouts: dict[tuple[str, ...], HeadLayout] = {}
         self._redundancy = 0
         self._untried = TRIES
-        self._size = self._step = 0.0
+        self._size = 0.0
         self._since = 0  # windows since one was beyond anything
-        self.settled = frozenset(heads)
-        self._courses: dict[tuple[str, ...], CentreCourse] = {}
+        self._steps = RingSteps(tuple(heads), limits, encoder.disc_radius, timing)
         self._first_turn, self._was_wrong = FirstTurn(), False
         self._history = HeadHistory()
-        self._scatter = RingScatter(timing)
         self._by_stamps = StampsScatter()
         self._last: tuple[int, float] | None = None
         self.uneven = False
@@ -110,11 +106,9 @@ class HeadBelief:
         self.contradiction = ""
         self.scale = self.contradicted = self._tolerance = 1.0
         self._agreeing = 0.0
-        self.settled = frozenset(self._heads)
-        self._courses.clear()
+        self._steps.reset()
         self.forget_turn()
         self._was_wrong = False
-        self._scatter.reset()
         self._by_stamps = StampsScatter()
         self._settle()
         self._forget()
@@ -137,7 +131,12 @@ class HeadBelief:
     @property
     def unsettled(self) -> bool:
         """Whether heads without redundancy are used of which one may have lost counts."""
-        return not self.redundant and not self.settled.issuperset(self._believed)
+        return not self.redundant and not self._steps.are_settled
+
+    @property
+    def settled(self) -> frozenset[str]:
+        """Heads that were never silent, or are where they were before."""
+        return self._steps.settled
 
     @property
     def lost(self) -> bool:
@@ -147,8 +146,7 @@ class HeadBelief:
     def judge(self, window: EvidenceWindow, available: Sequence[str]) -> None:
         """Take in a window in which the heads `available` were there all the time, whether believed or not."""
         self.reach, self.contradicting = EVERYWHERE, False
-        if self._believed and len(self.settled.intersection(available)) < len(self.settled):  # before, none has begun
-            self.settled &= frozenset(available)
+        self._steps.note_missing(available)
         if not window.has("heads") or not window.steady:
             self._agreeing = 0.0
             return
@@ -197,7 +195,7 @@ class HeadBelief:
         weighed = self._weigh(mean.believed_agreement, mean.head_samples, tolerances, windows.ticks)
         if not self._is_bent(duration):
             places = windows.pairs("surplus")
-            self._course(windows.last).follow_turn(windows.first, mean.theta, places)
+            self._steps.follow_turn(windows.last.has("radial"), windows.first, mean.theta, places)
             seen = zip(windows.numbers, mean.theta, places, mean.radial_variance, strict=True)
             scales = [self._with_own(scale, *each) for (scale, _), each in zip(weighed, seen, strict=True)]
             if self._was_wrong:
@@ -261,13 +259,12 @@ class HeadBelief:
         sure = not self.contradicting and not self.contradiction
         self._history.add(window.number, shown, window.parity[: self._redundancy].tolist(), sure=sure)
         if not self.contradicting and not self.contradiction:
-            if not self.settled.issuperset(self._believed):
-                self.settled |= frozenset(self._believed)
+            self._steps.settle()
             # where heads show the ring that can be believed
             if not self._is_bent(window.duration):
-                self._course(window).follow_turn(window.number, [window.mean.theta], [window.pair("surplus")])
-                seen = window.number, window.mean.theta, window.pair("surplus"), window.mean.radial_variance
-                own = self._with_own(self.scale, *seen)
+                theta, place = window.mean.theta, window.pair("surplus")
+                self._steps.follow_turn(window.has("radial"), window.number, [theta], [place])
+                own = self._with_own(self.scale, window.number, theta, place, window.mean.radial_variance)
                 self.scale = own if self._was_wrong else self.scale
         if self._since >= SHORT and not self.contradiction:  # none of the last ones is beyond anything
             return
@@ -301,57 +298,17 @@ class HeadBelief:
         return True
 
     def _judge_steps(self, window: EvidenceWindow, shown: Shown, rate: float) -> None:
-        """Without redundancy: a step that no bearing makes, and that noise and stamps do not at such a rate.
+        """Without redundancy nothing but a step that no bearing makes tells a fault.
 
-        A step of a head lasts, so it is over only where the ring is again where it was at this angle before. So is
-        one that a head may have made while it was silent, in which time the ring may have gone further as well. What
-        lasted of a contradiction that heads showed which are gone may be in those that are left; and what is not as in
-        the first turn may be a head's.
+        What lasted of a contradiction that heads showed which are gone may be in those that are left; and what is not
+        as in the first turn may be a head's.
         """
         self.contradicted = self._lasting
-        course, place, theta = self._course(window), window.pair("surplus"), window.mean.theta
+        place, variance = window.pair("surplus"), window.mean.radial_variance
         scale = max(self.contradicted, self._tolerance)
-        self.scale = self._with_own(scale, window.number, theta, place, window.mean.radial_variance)
-        moved = course.moved(window.number, theta)
-        passed = math.inf if course.number is None else (window.number - course.number) * window.duration
-        variance = window.mean.radial_variance / max(1.0, window.ticks * window.mean.head_samples)
-        noise = math.sqrt(variance) * self._scatter.scale(rate)
-        allowed = self._limits.radial_rate * window.duration + 6.0 * math.sqrt(2.0) * noise
-        before, last, sure = course.turn.get(theta, moved), course.place, course.sure
-        earlier = self._history.before()
-        change = None if earlier is None else change_between(earlier, shown, self._radius)
-        gap = course.number != window.number - 1
-        course.follow(window.number, theta, place, sure=False)
-        slow = course.hold(Held(window.number, shown, noise), self._limits.radial_rate * window.duration)
-        if self.contradiction:
-            # a jump within a gap may be less than what the bearing had the time for
-            self._jumps.follow(change, jump=gap or (change is not None and max(map(abs, change[:2])) > allowed))
-            if self._step > 0.0:  # else it is not the step of one component that would show here when it is over
-                off = math.inf if before is None else distance(place, before)
-                self._wait_for_return(window.duration, off, 2.0 * allowed)
-            return
-        settled = self.settled.issuperset(self._believed)
-        steps = [distance(place, each) for each in (last, None if settled else before) if each is not None]
-        most = allowed + min(self._limits.radial_rate * (passed - window.duration), self._limits.radial)
-        if steps and min(steps) > most:
-            self._contradict(change, min(steps), most, passed)
-            return
-        if slow is not None and settled:
-            self._jumps.forget_last()  # what was before is in it
-            change = change_between(slow.before, shown, self._radius)
-            self._contradict(change, slow.size, slow.most, slow.windows * window.duration)
-            return
-        self._jumps.follow(change, jump=False)
-        self._scatter.add(window.number, place, variance, rate)
-        if steps and min(steps) > allowed:  # in windows that tell nothing a bearing has the time for as much
-            self.settled, settled = self.settled - frozenset(self._believed), False
-        told = [distance(place, each) for each in (last if sure else None, before) if each is not None]
-        if not settled and (min(told) <= allowed if told else course.turn.empty):
-            self.settled, settled = self.settled | frozenset(self._believed), True
-        course.sure = settled
-        if settled and course.holds(window.number):  # what is interpolated may be a part of a step
-            course.turn.put(theta, moved, place)
-        self.reach = Reach(*place, 1.5 * allowed)
+        self.scale = self._with_own(scale, window.number, window.mean.theta, place, variance)
+        self.contradiction = self._steps.judge(window, shown, self._history.before(), rate, self.contradiction)
+        self.reach = self._steps.reach
 
     def _with_own(self, scale: float, number: int, theta: float, place: tuple[float, float], variance: float) -> float:
         """Scale of standard deviations, with what may be a head's: all that is not as in the first turn.
@@ -361,35 +318,9 @@ class HeadBelief:
         self._first_turn.follow(number, theta, place)
         return math.hypot(scale, self._first_turn.unrepeated / (OWN * math.sqrt(variance)))
 
-    def _contradict(self, change: Change | None, step: float, most: float, passed: float) -> None:
-        """Believe no head: of a step (m) within a time (s) that is more than the most that is explained."""
-        self._step, self._returning = step, 0.0
-        self._jumps.begin(change)
-        self.contradiction = (
-            f"a step of {step * 1e6:.3g} µm within {passed * 1e3:g} ms that no bearing makes (at most {most * 1e6:.3g} "
-            "µm), and too few heads to tell which is wrong; a reset accepts it"
-        )
-
-    def _wait_for_return(self, duration: float, off: float, near: float) -> None:
-        """Believe the heads again once the ring is as near to where it was at this angle, or its jumps are taken back.
-
-        What is nearer than `near`, m, is within the uncertainty that is stated without redundancy.
-        """
-        back = off <= min(RETURNED_STEP * self._step, near) or self._jumps.are_taken_back(RETURNED_STEP, near)
-        self._returning = self._returning + duration if back else 0.0
-        if self._returning >= AGREEMENT:
-            self.contradiction, self._step = "", 0.0
-
     def _is_bent(self, duration: float) -> bool:
         """Whether interpolation misses more than the ring moves in a window, s, so that it shows none of its place."""
         return KINK * max(self._bends) * self._radius > self._limits.radial_rate * duration
-
-    def _course(self, window: EvidenceWindow) -> CentreCourse:
-        """Where the ring was: heads that show all of its displacement show the same, whichever they are."""
-        shown = () if window.has("radial") else self._believed
-        if shown not in self._courses:
-            self._courses[shown] = CentreCourse()
-        return self._courses[shown]
 
     def _restore(self, window: EvidenceWindow, available: Sequence[str]) -> None:
         """Believe all heads again once all of them have agreed long enough."""
@@ -415,18 +346,11 @@ class HeadBelief:
         self._lasting = 1.0
 
     def _forget(self) -> None:
-        """What was remembered of other heads tells nothing about these, but for how far they contradict one another.
-
-        Where the ring was is the same for all of them, but not what of it they see.
-        """
-        self._scatter.forget_last()
-        for course in self._courses.values():
-            course.held = None
-        self._jumps = RingJumps()
+        """What was remembered of other heads tells nothing about these, but for how far they contradict one another."""
+        self._steps.begin(self._believed)
         self._beyond: deque[tuple[bool, bool, float]] = deque(maxlen=SHORT)
         self._since = 0
         self._history.begin(self._believed)
-        self._step = self._returning = 0.0
         self._untried = TRIES
 
     def forget_time(self) -> None:
@@ -435,10 +359,8 @@ class HeadBelief:
             each.clear()
         self._history.forget_last()
         self._agreeing = 0.0
-        self._scatter.forget_last()
+        self._steps.forget_time()
         self._last = None
-        for course in self._courses.values():
-            course.forget_last()
 
     def _layout(self, names: tuple[str, ...]) -> HeadLayout:
         if names not in self._layouts:

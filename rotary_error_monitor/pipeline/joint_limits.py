@@ -7,8 +7,7 @@ import math
 from rotary_error_monitor.arrays import Array, Mask
 from rotary_error_monitor.description.stage_limits import StageLimits
 from rotary_error_monitor.metrology.error_motion import COMPONENTS
-from rotary_error_monitor.pipeline.evidence import SIGMAS
-from rotary_error_monitor.pipeline.head_belief import AGREEMENT
+from rotary_error_monitor.pipeline.evidence import AGREEMENT, SIGMAS
 
 _SHOWN = dict(zip(COMPONENTS, ("radial", "radial", "axial", "tilt", "tilt"), strict=False))
 

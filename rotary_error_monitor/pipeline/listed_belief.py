@@ -10,8 +10,7 @@ from itertools import islice
 from rotary_error_monitor.description.listed_sensors import ListedSensor
 from rotary_error_monitor.metrology.agreement import chi_square_bound
 from rotary_error_monitor.metrology.repeated_readings import run_by_chance
-from rotary_error_monitor.pipeline.evidence import LONG, SHORT, SIGMAS
-from rotary_error_monitor.pipeline.head_belief import AGREEMENT
+from rotary_error_monitor.pipeline.evidence import AGREEMENT, LONG, SHORT, SIGMAS
 from rotary_error_monitor.pipeline.tilt_belief import STANDING, STAYED
 from rotary_error_monitor.pipeline.turn_memory import ANGLES, TurnMemory
 

@@ -20,8 +20,9 @@ from rotary_error_monitor.pipeline.evidence import INDEX as EVIDENCE
 from rotary_error_monitor.pipeline.evidence import LONG, SHORT, SIGMAS, WindowGrid
 from rotary_error_monitor.pipeline.head_belief import WEAK
 from rotary_error_monitor.pipeline.joint_limits import JointLimits
-from rotary_error_monitor.pipeline.listed_belief import SensorBelief, SensorWindow
+from rotary_error_monitor.pipeline.listed_belief import SensorBelief
 from rotary_error_monitor.pipeline.listed_readings import ListedReadings, ListedTicks
+from rotary_error_monitor.pipeline.listed_windows import sensor_windows
 from rotary_error_monitor.pipeline.tilt_by_others import TILT, TiltByOthers
 from rotary_error_monitor.pipeline.verdict import DOUBTS
 from rotary_error_monitor.signals.resampling import Resampled
@@ -315,7 +316,7 @@ class ListedSensors:
         return np.asarray(np.logical_and.reduceat(fields, self._first, axis=-1)[..., self._owner])
 
     def _judge(self, number: int, shown: ListedTicks, rates: Mapping[str, float]) -> None:
-        windows = dict(self._windows(number, shown, rates))
+        windows = dict(sensor_windows(number, self._grid, self._period, shown, self._streams, rates))
         tilt_shown = bool(shown.observable[:, TILT].all())
         doubted = self._tilt_doubted
         self._tilt_doubted = bool(shown.doubts[0] & AUTOCOLLIMATOR_DOUBTED)
@@ -357,54 +358,3 @@ class ListedSensors:
             judge, stream = self._judges[place], self._streams[place]
             if not judge.doubt or judge.since >= number - LONG or self._unless.pop(stream, ""):
                 judge.retract()
-
-    def _windows(
-        self, number: int, shown: ListedTicks, rates: Mapping[str, float]
-    ) -> Iterator[tuple[int, SensorWindow]]:
-        """What the fields say over a window, by their places, where all of it is there."""
-        ticks = self._grid.ticks
-        for place, stream in enumerate(self._streams):
-            if not shown.there[:, place].all():
-                continue
-            samples = ticks * min(1.0, rates[stream] * self._period)
-            surplus = shown.surplus[:, place]
-            # of the autocollimator less than one sample a window where it is slow: the next windows hold the same
-            slower = ticks * min(1.0, rates.get(AUTOCOLLIMATOR, math.inf) * self._period)
-            yield (
-                place,
-                SensorWindow(
-                    number,
-                    self._grid.duration,
-                    ticks,
-                    samples,
-                    float(shown.theta.sum() / ticks),
-                    float(shown.raw[:, place].sum() / ticks),
-                    float(surplus.sum() / ticks),
-                    _scatter(surplus),
-                    _scatter(shown.undescribed[:, place]),
-                    float(shown.noise[:, place].sum() / ticks),
-                    float(shown.variance[:, place].sum() / ticks),
-                    float(shown.systematic[:, place].max()),
-                    float(shown.others[:, place].max()),
-                    float(shown.stamps[:, place].max()),
-                    float(shown.unknown[:, place].max()),
-                    float(shown.rate[:, place].max()),
-                    _shared(float(shown.tilt[:, place].sum() / ticks), slower, samples),
-                ),
-            )
-
-
-def _shared(variance: float, slower: float, samples: float) -> float:
-    """What noise with fewer independent values in a window adds to the variance of a mean over `samples` of them."""
-    return variance * max(0.0, 1.0 / slower - 1.0 / max(1.0, samples)) if slower > 0.0 else 0.0
-
-
-def _scatter(values: Array) -> float:
-    """Variance of values about a straight line; 0 where they are too few to tell."""
-    count = len(values)
-    if count < 3:
-        return 0.0
-    off = values - values.sum() / count
-    course = np.arange(count) - 0.5 * (count - 1)
-    off = off - course * (float((off * course).sum()) / float((course**2).sum()))
-    return float((off**2).sum()) / (count - 2)

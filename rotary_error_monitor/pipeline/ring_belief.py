@@ -12,8 +12,7 @@ from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.stage_section import Encoder
 from rotary_error_monitor.metrology.description_check import MIRRORED, Claim, FigureCheck, departure
 from rotary_error_monitor.metrology.error_motion import KINK
-from rotary_error_monitor.pipeline.evidence import LONG, SHORT, SIGMAS, EvidenceWindow, Windows
-from rotary_error_monitor.pipeline.head_belief import AGREEMENT
+from rotary_error_monitor.pipeline.evidence import AGREEMENT, LONG, SHORT, SIGMAS, EvidenceWindow, Windows
 from rotary_error_monitor.pipeline.speed_slope import SpeedSlope
 
 CONFIDENT = 0.2

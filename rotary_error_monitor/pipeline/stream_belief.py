@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping, Sequence
 
-from rotary_error_monitor.pipeline.evidence import PERSISTENT, SHORT, WINDOW_NS, EvidenceWindow
-from rotary_error_monitor.pipeline.head_belief import AGREEMENT
+from rotary_error_monitor.pipeline.evidence import AGREEMENT, PERSISTENT, SHORT, WINDOW_NS, EvidenceWindow
 from rotary_error_monitor.signals.admission import LATE
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 from rotary_error_monitor.signals.streams import SampleStream

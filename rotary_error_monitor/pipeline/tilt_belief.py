@@ -12,9 +12,8 @@ from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.two_axis_section import Autocollimator
 from rotary_error_monitor.metrology.description_check import DARK, MIRRORED, Claim, FigureCheck, Mistake, departure
 from rotary_error_monitor.metrology.repeated_readings import run_by_chance
-from rotary_error_monitor.pipeline.evidence import LONG, SHORT, SIGMAS, EvidenceWindow, Reach, Windows
+from rotary_error_monitor.pipeline.evidence import AGREEMENT, LONG, SHORT, SIGMAS, EvidenceWindow, Reach, Windows
 from rotary_error_monitor.pipeline.first_turn import OWN, FirstTurn, own_part
-from rotary_error_monitor.pipeline.head_belief import AGREEMENT
 from rotary_error_monitor.pipeline.tilt_look import Look, StillParts, bounds_of, mean_of
 from rotary_error_monitor.pipeline.trailing import Trailing
 from rotary_error_monitor.pipeline.turn_memory import distance

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.metrology.agreement import FAR, LEAST_RATIO, ODDS
 from rotary_error_monitor.metrology.error_motion import COMPONENTS
-from rotary_error_monitor.pipeline.evidence import SIGMAS
-from rotary_error_monitor.pipeline.head_belief import AGREEMENT
+from rotary_error_monitor.pipeline.evidence import AGREEMENT, SIGMAS
 
 TILT = slice(COMPONENTS.index("eac"), COMPONENTS.index("ebc") + 1)
 
