@@ -327,7 +327,7 @@ class Belief:
         heads, tilt, command = self.heads, self.tilt, self.command
         return self._verdict(
             self._standing(),
-            (heads.scale, heads.most),
+            (heads.scale, heads.most, heads.rotation),
             self.ring.late,
             (tilt.scale, tilt.reach),
             (command.lag, command.reach),
@@ -366,7 +366,7 @@ class Belief:
     def _verdict(
         self,
         standing: Standing,
-        heads: tuple[float, float],
+        heads: tuple[float, float, float],
         late: float,
         tilt: tuple[float, Reach],
         command: tuple[float, Reach],
@@ -380,7 +380,7 @@ class Belief:
             doubts,
             heads[0],
             tilt[0],
-            math.hypot(lag, late / self._radius),
+            math.hypot(lag, late / self._radius, heads[2]),
             # a component may have all of what is late, but only half the square of what turns with the rotor
             math.hypot(unresolved, _ROOT * late),
             math.hypot(unresolved_tilt, _ROOT * self._figure_slope * lag),

@@ -51,6 +51,7 @@ class HeadBelief:
             are raised at least.
         scale: by which stated standard deviations are to be multiplied, for the stamps as well: what two opposed heads
             make of theirs contradicts no other head.
+        rotation: standard deviation of the rotation against its command, rad, by what heads may have lost alike.
         contradicting: whether the heads contradicted one another in the last window, beyond what is borne.
         redundant: whether a further fault of a head would show.
         uneven: whether some heads have many more samples per s than others; whoever knows sets it.
@@ -90,9 +91,10 @@ class HeadBelief:
         self._redundancy = 0
         self._untried = TRIES
         self._size = 0.0
-        self._since = 0  # windows since one was beyond anything
+        self._since = self._unusual = 0  # windows since one was beyond anything, and beyond what is usual
         self._steps = RingSteps(tuple(heads), limits, encoder.disc_radius, timing)
         self._first_turn, self._was_wrong = FirstTurn(), False
+        self._first_rotation, self.rotation = FirstTurn(), 0.0
         self._history = HeadHistory()
         self._by_stamps = StampsScatter()
         self._last: tuple[int, float] | None = None
@@ -116,6 +118,7 @@ class HeadBelief:
     def forget_turn(self) -> None:
         """Forget where the ring was at which angle: the heads may count from another zero."""
         self._first_turn.forget()
+        self._first_rotation.forget()
         self._history.forget_turns()
 
     @property
@@ -145,7 +148,7 @@ class HeadBelief:
 
     def judge(self, window: EvidenceWindow, available: Sequence[str]) -> None:
         """Take in a window in which the heads `available` were there all the time, whether believed or not."""
-        self.reach, self.contradicting = EVERYWHERE, False
+        self.reach, self.contradicting, self.rotation = EVERYWHERE, False, 0.0
         self._steps.note_missing(available)
         if not window.has("heads") or not window.steady:
             self._agreeing = 0.0
@@ -181,8 +184,9 @@ class HeadBelief:
             and all(found < least for found in windows.mean.believed_agreement)
         )
 
-    def take_in(self, windows: Windows) -> list[tuple[float, float]]:
-        """Take in windows that are calm, as `judge` does; give `scale` and `most` after each."""
+    def take_in(self, windows: Windows) -> list[tuple[float, float, float]]:
+        """Take in windows that are calm, as `judge` does; give `scale`, `most` and `rotation` after each."""
+        self._unusual = 0
         mean, duration, tolerances = windows.mean, windows.duration, list[float]()
         for row in zip(windows.numbers, mean.theta, mean.radial_variance, mean.head_bend, strict=True):
             number, theta, variance, bend = row
@@ -193,15 +197,18 @@ class HeadBelief:
         for each in zip(windows.numbers, shown, parity, strict=True):
             self._history.add(*each, sure=True)
         weighed = self._weigh(mean.believed_agreement, mean.head_samples, tolerances, windows.ticks)
+        rotations = [0.0] * len(weighed)
         if not self._is_bent(duration):
             places = windows.pairs("surplus")
             self._steps.follow_turn(windows.last.has("radial"), windows.first, mean.theta, places)
+            rotations = list(map(self._own_rotation, windows.numbers, mean.theta, mean.ecc))
+            self.rotation = rotations[-1]
             seen = zip(windows.numbers, mean.theta, places, mean.radial_variance, strict=True)
             scales = [self._with_own(scale, *each) for (scale, _), each in zip(weighed, seen, strict=True)]
             if self._was_wrong:
                 self.scale = scales[-1]
-                return [(scale, most) for scale, (_, most) in zip(scales, weighed, strict=True)]
-        return weighed
+                weighed = [(scale, most) for scale, (_, most) in zip(scales, weighed, strict=True)]
+        return [(*each, rotation) for each, rotation in zip(weighed, rotations, strict=True)]
 
     def _allow(self, number: int, duration: float, theta: float, variance: float, bend: float) -> float:
         """Bear what stamps and interpolation make; give the speed of the readings over their noise, 1/s.
@@ -255,6 +262,7 @@ class HeadBelief:
 
     def _judge_redundant(self, window: EvidenceWindow, shown: Shown) -> None:
         found = window.mean.believed_agreement
+        self._note_unusual(found)
         self._weigh([found], [window.mean.head_samples], [self._tolerance], window.ticks)
         sure = not self.contradicting and not self.contradiction
         self._history.add(window.number, shown, window.parity[: self._redundancy].tolist(), sure=sure)
@@ -264,6 +272,7 @@ class HeadBelief:
             if not self._is_bent(window.duration):
                 theta, place = window.mean.theta, window.pair("surplus")
                 self._steps.follow_turn(window.has("radial"), window.number, [theta], [place])
+                self.rotation = self._own_rotation(window.number, theta, shown[1])
                 own = self._with_own(self.scale, window.number, theta, place, window.mean.radial_variance)
                 self.scale = own if self._was_wrong else self.scale
         if self._since >= SHORT and not self.contradiction:  # none of the last ones is beyond anything
@@ -286,6 +295,16 @@ class HeadBelief:
                 "which is wrong; a head's place, zero or direction, the graduation or the described noise may be wrong"
             )
 
+    def _note_unusual(self, found: float) -> None:
+        """A contradiction that stamps may make, but did not at such a speed before, may be a head's that was wrong.
+
+        `found` is its chi-square over degrees of freedom.
+        """
+        usual = self._by_stamps.at(self._tolerance)
+        self._unusual = self._unusual + 1 if usual > 0.0 and found > WEAK**2 * max(1.0, usual) else 0
+        if self._unusual >= PERSISTENT:
+            self._was_wrong = True
+
     def _leave_out_the_wrong(self) -> bool:
         """Leave out the head that causes the contradiction; give whether its course tells which that is."""
         found = wrong_head(self._layout(self._believed), self._history, self._limits, self._radius)
@@ -307,6 +326,7 @@ class HeadBelief:
         place, variance = window.pair("surplus"), window.mean.radial_variance
         scale = max(self.contradicted, self._tolerance)
         self.scale = self._with_own(scale, window.number, window.mean.theta, place, variance)
+        self.rotation = self._own_rotation(window.number, window.mean.theta, shown[1])
         self.contradiction = self._steps.judge(window, shown, self._history.before(), rate, self.contradiction)
         self.reach = self._steps.reach
 
@@ -317,6 +337,15 @@ class HeadBelief:
         """
         self._first_turn.follow(number, theta, place)
         return math.hypot(scale, self._first_turn.unrepeated / (OWN * math.sqrt(variance)))
+
+    def _own_rotation(self, number: int, theta: float, ecc: float) -> float:
+        """Standard deviation of `ecc` by what may be the heads': heads that lose as much one by one agree again.
+
+        As `_with_own`, but of the rotation alone, which also goes with the load of the drive.
+        """
+        if not math.isnan(ecc):
+            self._first_rotation.follow(number, theta, (ecc, 0.0))
+        return self._first_rotation.unrepeated / OWN if self._was_wrong else 0.0
 
     def _is_bent(self, duration: float) -> bool:
         """Whether interpolation misses more than the ring moves in a window, s, so that it shows none of its place."""

@@ -60,8 +60,9 @@ def test_a_step_of_some_counts_is_one_heads_and_the_others_go_on():
         "heads",
         "A second head goes off by as much as a first one that was left out, so that both agree again",
         "`error_estimator: estimate` names the first one, and that redundancy is lost",
-        "once a head was wrong, all that is not as in the first turn, at the same angle, is three standard deviations: "
-        "that the heads agree proves nothing any more; the same without redundancy",
+        "once a head was wrong, all that is not as in the first turn, at the same angle, is three standard deviations, "
+        "of the rotation as well: that the heads agree proves nothing any more; of the ring's place the same without "
+        "redundancy",
         "everything with that uncertainty, or nothing",
         "with a reset, or where the ring is as in the first turn",
     )
