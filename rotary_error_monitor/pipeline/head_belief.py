@@ -19,8 +19,8 @@ from rotary_error_monitor.pipeline.evidence import (
     EvidenceWindow,
     Windows,
 )
-from rotary_error_monitor.pipeline.first_turn import OWN, FirstTurn
 from rotary_error_monitor.pipeline.head_history import HeadHistory, Shown
+from rotary_error_monitor.pipeline.heads_own import HeadsOwn
 from rotary_error_monitor.pipeline.lasting_contradiction import LastingContradiction
 from rotary_error_monitor.pipeline.ring_scatter import StampsScatter
 from rotary_error_monitor.pipeline.ring_steps import RingSteps
@@ -93,8 +93,7 @@ class HeadBelief:
         self._size = 0.0
         self._since = self._unusual = 0  # windows since one was beyond anything, and beyond what is usual
         self._steps = RingSteps(tuple(heads), limits, encoder.disc_radius, timing)
-        self._first_turn, self._was_wrong = FirstTurn(), False
-        self._first_rotation, self.rotation = FirstTurn(), 0.0
+        self._own, self.rotation = HeadsOwn(limits, timing), 0.0
         self._history = HeadHistory()
         self._by_stamps = StampsScatter()
         self._last: tuple[int, float] | None = None
@@ -109,16 +108,15 @@ class HeadBelief:
         self.scale = self.contradicted = self._tolerance = 1.0
         self._agreeing = 0.0
         self._steps.reset()
-        self.forget_turn()
-        self._was_wrong = False
+        self._own.reset()
+        self._history.forget_turns()
         self._by_stamps = StampsScatter()
         self._settle()
         self._forget()
 
     def forget_turn(self) -> None:
         """Forget where the ring was at which angle: the heads may count from another zero."""
-        self._first_turn.forget()
-        self._first_rotation.forget()
+        self._own.forget_turn()
         self._history.forget_turns()
 
     @property
@@ -165,7 +163,7 @@ class HeadBelief:
         mean, there = window.mean, window.has("command")
         shown = mean.theta, mean.ecc if there else math.nan, mean.surplus_x, mean.surplus_y
         if self.redundant:
-            self._judge_redundant(window, shown)
+            self._judge_redundant(window, shown, rate)
         else:
             self._history.add(window.number, shown, [], sure=False)
             self._judge_steps(window, shown, rate)
@@ -187,28 +185,29 @@ class HeadBelief:
     def take_in(self, windows: Windows) -> list[tuple[float, float, float]]:
         """Take in windows that are calm, as `judge` does; give `scale`, `most` and `rotation` after each."""
         self._unusual = 0
-        mean, duration, tolerances = windows.mean, windows.duration, list[float]()
+        mean, duration, tolerances, rates = windows.mean, windows.duration, list[float](), list[float]()
         for row in zip(windows.numbers, mean.theta, mean.radial_variance, mean.head_bend, strict=True):
             number, theta, variance, bend = row
-            self._allow(number, duration, theta, variance, bend)
+            rates.append(self._allow(number, duration, theta, variance, bend))
             tolerances.append(self._tolerance)
         shown = zip(mean.theta, mean.ecc, mean.surplus_x, mean.surplus_y, strict=True)
         parity = windows.parity[:, : self._redundancy].tolist()
         for each in zip(windows.numbers, shown, parity, strict=True):
             self._history.add(*each, sure=True)
         weighed = self._weigh(mean.believed_agreement, mean.head_samples, tolerances, windows.ticks)
-        rotations = [0.0] * len(weighed)
-        if not self._is_bent(duration):
-            places = windows.pairs("surplus")
-            self._steps.follow_turn(windows.last.has("radial"), windows.first, mean.theta, places)
-            rotations = list(map(self._own_rotation, windows.numbers, mean.theta, mean.ecc))
-            self.rotation = rotations[-1]
-            seen = zip(windows.numbers, mean.theta, places, mean.radial_variance, strict=True)
-            scales = [self._with_own(scale, *each) for (scale, _), each in zip(weighed, seen, strict=True)]
-            if self._was_wrong:
-                self.scale = scales[-1]
-                weighed = [(scale, most) for scale, (_, most) in zip(scales, weighed, strict=True)]
-        return [(*each, rotation) for each, rotation in zip(weighed, rotations, strict=True)]
+        if self._is_bent(duration):
+            return [(*each, 0.0) for each in weighed]
+        places, found = windows.pairs("surplus"), list[tuple[float, float, float]]()
+        self._steps.follow_turn(windows.last.has("radial"), windows.first, mean.theta, places)
+        rows = zip(windows.numbers, mean.theta, places, mean.radial_variance, mean.head_samples, strict=True)
+        for seen, ecc, (scale, most), rate in zip(rows, mean.ecc, weighed, rates, strict=True):
+            number, theta, place, variance, samples = seen
+            self._own.note_place(number, duration, place, variance / max(1.0, samples * windows.ticks), rate)
+            rotation = self._own.rotation(number, theta, ecc)
+            own = self._own.raised(scale, number, theta, place, variance)
+            found.append((own if self._own.counts else scale, most, rotation))
+        self.scale, _, self.rotation = found[-1]
+        return found
 
     def _allow(self, number: int, duration: float, theta: float, variance: float, bend: float) -> float:
         """Bear what stamps and interpolation make; give the speed of the readings over their noise, 1/s.
@@ -260,7 +259,7 @@ class HeadBelief:
             weighed.append((self.scale, borne[place]))
         return weighed
 
-    def _judge_redundant(self, window: EvidenceWindow, shown: Shown) -> None:
+    def _judge_redundant(self, window: EvidenceWindow, shown: Shown, rate: float) -> None:
         found = window.mean.believed_agreement
         self._note_unusual(found)
         self._weigh([found], [window.mean.head_samples], [self._tolerance], window.ticks)
@@ -270,11 +269,13 @@ class HeadBelief:
             self._steps.settle()
             # where heads show the ring that can be believed
             if not self._is_bent(window.duration):
-                theta, place = window.mean.theta, window.pair("surplus")
+                theta, place, mean = window.mean.theta, window.pair("surplus"), window.mean
+                variance = mean.radial_variance / max(1.0, mean.head_samples * window.ticks)
+                self._own.note_place(window.number, window.duration, place, variance, rate)
                 self._steps.follow_turn(window.has("radial"), window.number, [theta], [place])
-                self.rotation = self._own_rotation(window.number, theta, shown[1])
-                own = self._with_own(self.scale, window.number, theta, place, window.mean.radial_variance)
-                self.scale = own if self._was_wrong else self.scale
+                self.rotation = self._own.rotation(window.number, theta, shown[1])
+                own = self._own.raised(self.scale, window.number, theta, place, window.mean.radial_variance)
+                self.scale = own if self._own.counts else self.scale
         if self._since >= SHORT and not self.contradiction:  # none of the last ones is beyond anything
             return
         persistent = sum([beyond for beyond, _, _ in self._beyond]) >= PERSISTENT
@@ -284,11 +285,11 @@ class HeadBelief:
         self._untried += 1
         if self._untried >= TRIES:
             self._untried = 0
-            if self._leave_out_the_wrong():
+            if self._leave_out_the_wrong(slow=persistent or bool(self.contradiction)):
                 self.contradiction, self._size = "", found
                 return
         if persistent and not self.contradiction:
-            self._size, self._was_wrong = found, True
+            self._size, self._own.counts = found, True
             largest = math.sqrt(max(each for _, _, each in self._beyond))
             self.contradiction = (
                 f"the heads contradict one another by {largest:.3g} standard deviations, and nothing tells "
@@ -303,14 +304,17 @@ class HeadBelief:
         usual = self._by_stamps.at(self._tolerance)
         self._unusual = self._unusual + 1 if usual > 0.0 and found > WEAK**2 * max(1.0, usual) else 0
         if self._unusual >= PERSISTENT:
-            self._was_wrong = True
+            self._own.counts = True
 
-    def _leave_out_the_wrong(self) -> bool:
-        """Leave out the head that causes the contradiction; give whether its course tells which that is."""
-        found = wrong_head(self._layout(self._believed), self._history, self._limits, self._radius)
+    def _leave_out_the_wrong(self, *, slow: bool) -> bool:
+        """Leave out the head that causes the contradiction; give whether its course tells which that is.
+
+        A `slow` course is asked where otherwise none would be believed: what is borne may go as slowly, as stamps do.
+        """
+        found = wrong_head(self._layout(self._believed), self._history, self._limits, self._radius, slow=slow)
         if found is None:
             return False
-        self._was_wrong = True
+        self._own.counts = True
         self.doubted[self._believed[found.head]] = fault_in_words(found.fault, self._count)
         self._agreeing = 0.0
         self._settle()
@@ -325,27 +329,10 @@ class HeadBelief:
         self.contradicted = self._lasting
         place, variance = window.pair("surplus"), window.mean.radial_variance
         scale = max(self.contradicted, self._tolerance)
-        self.scale = self._with_own(scale, window.number, window.mean.theta, place, variance)
-        self.rotation = self._own_rotation(window.number, window.mean.theta, shown[1])
+        self.scale = self._own.raised(scale, window.number, window.mean.theta, place, variance)
+        self.rotation = self._own.rotation(window.number, window.mean.theta, shown[1])
         self.contradiction = self._steps.judge(window, shown, self._history.before(), rate, self.contradiction)
         self.reach = self._steps.reach
-
-    def _with_own(self, scale: float, number: int, theta: float, place: tuple[float, float], variance: float) -> float:
-        """Scale of standard deviations, with what may be a head's: all that is not as in the first turn.
-
-        It counts where no other head would contradict, and once one was wrong: two that are off alike agree as well.
-        """
-        self._first_turn.follow(number, theta, place)
-        return math.hypot(scale, self._first_turn.unrepeated / (OWN * math.sqrt(variance)))
-
-    def _own_rotation(self, number: int, theta: float, ecc: float) -> float:
-        """Standard deviation of `ecc` by what may be the heads': heads that lose as much one by one agree again.
-
-        As `_with_own`, but of the rotation alone, which also goes with the load of the drive.
-        """
-        if not math.isnan(ecc):
-            self._first_rotation.follow(number, theta, (ecc, 0.0))
-        return self._first_rotation.unrepeated / OWN if self._was_wrong else 0.0
 
     def _is_bent(self, duration: float) -> bool:
         """Whether interpolation misses more than the ring moves in a window, s, so that it shows none of its place."""
@@ -377,6 +364,7 @@ class HeadBelief:
     def _forget(self) -> None:
         """What was remembered of other heads tells nothing about these, but for how far they contradict one another."""
         self._steps.begin(self._believed)
+        self._own.begin()
         self._beyond: deque[tuple[bool, bool, float]] = deque(maxlen=SHORT)
         self._since = 0
         self._history.begin(self._believed)
@@ -389,6 +377,7 @@ class HeadBelief:
         self._history.forget_last()
         self._agreeing = 0.0
         self._steps.forget_time()
+        self._own.begin()
         self._last = None
 
     def _layout(self, names: tuple[str, ...]) -> HeadLayout:

@@ -24,7 +24,9 @@ RECENT = 30
 """Changes of each kind that are looked at: more of them would be noise from before the fault."""
 
 
-def wrong_head(layout: HeadLayout, history: HeadHistory, limits: StageLimits, radius: float) -> Isolation | None:
+def wrong_head(
+    layout: HeadLayout, history: HeadHistory, limits: StageLimits, radius: float, *, slow: bool = True
+) -> Isolation | None:
     """The wrong one of the heads of a layout by what they showed, window by window; None where nothing tells it.
 
     Args:
@@ -32,9 +34,14 @@ def wrong_head(layout: HeadLayout, history: HeadHistory, limits: StageLimits, ra
         history: what they showed.
         limits: of the stage.
         radius: of the ring, m.
+        slow: whether a fault may have come too slowly to show in what the motion does meanwhile.
     """
     found = _isolations(layout, history, limits, radius)
-    return next((each for each in found if each is not None), None)
+    told = next((each for each in found if each is not None), None)
+    if told is None and slow:
+        shown, parity = history.unrepeated()
+        return isolate_drift(layout, _motion(shown, radius), parity)
+    return told
 
 
 def _isolations(
@@ -53,8 +60,6 @@ def _isolations(
     for lag in _lags(shown[:, 0]):
         recent = slice(-RECENT * lag, None)
         yield isolate_head(layout, motion[recent], parity[recent], lag)
-    shown, parity = history.unrepeated()
-    yield isolate_drift(layout, _motion(shown, radius), parity)
 
 
 def _motion(shown: Array, radius: float) -> Array:
