@@ -27,8 +27,8 @@ class InputVerdict(NamedTuple):
         most: contradiction of the heads that is borne, in standard deviations.
         settled: bit mask of the heads that have not been silent, or are where they were before; without redundancy a
             tick that rests on others is not verified.
-        lag: what a delay of heads and command, or of some heads, against one another makes at the present speed, rad;
-            without heads the standard uncertainty of the rotation.
+        lag: what a delay of heads and command, or of some heads, against one another makes at the present speed, rad,
+            and what heads may have lost alike; without heads the standard uncertainty of the rotation.
         unresolved: what mistakes in the description that are not told from the rotor's motion, and heads that are late,
             make of the radial error motion, m; `unresolved_tilt` of the tilt, rad.
     """
