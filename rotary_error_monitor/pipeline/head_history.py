@@ -84,9 +84,7 @@ def _beyond(row: Row, first: Sequence[Row]) -> Row:
     """A row less the mean of others."""
     if len(first) == 1:
         return tuple(map(sub, row, first[0]))
-    return tuple(
-        [value - sum(column) / len(first) for value, column in zip(row, zip(*first, strict=True), strict=True)]
-    )
+    return tuple(map(sub, row, [sum(column) / len(first) for column in zip(*first, strict=True)]))
 
 
 def _split(rows: Sequence[Row]) -> tuple[Array, Array]:

@@ -30,7 +30,7 @@ class JointLimits:
 
     def reset(self) -> None:
         """Believe them again."""
-        self.doubt = ""
+        self.doubt, self._wrong = "", 0
         self._theta: float | None = None
         self._turned = self._agreeing = 0.0
 
@@ -53,8 +53,10 @@ class JointLimits:
                     f"with others it shows {name} error motion of {abs(pose[place]) * 1e6:.3g} {unit}; the stage's is "
                     f"{most * 1e6:.3g} {unit} at most. Place, sign, zero or form of one may be another than described"
                 )
-                self._turned = self._agreeing = 0.0
+                self._turned, self._agreeing, self._wrong = 0.0, 0.0, place
                 return
+        if not shown[self._wrong]:  # what is not shown is within no limits
+            return
         self._turned, self._agreeing = self._turned + moved, self._agreeing + duration
         if self._turned >= 2 * math.pi and self._agreeing >= AGREEMENT:
             self.doubt = ""

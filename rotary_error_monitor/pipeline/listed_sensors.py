@@ -81,6 +81,8 @@ class ListedSensors:
         self._conflicts.clear()
         self._limits.reset()
         self._tilt.reset()
+        self._tilt_doubted = False
+        self._unless.clear()
         self._impossible[:] = False
         for judge in self._judges:
             judge.reset()
@@ -117,38 +119,8 @@ class ListedSensors:
             near: (m,) samples per s around each tick of the sensors that may be `late`.
             late_tilt: (m, 2) variance of the tilt by when the autocollimator read it, rad², where that is uncertain.
         """
-        parts, begin = [], 0
-        while begin < len(motion.theta):
-            rest, index = slice(begin, None), np.arange(begin, len(motion.theta))
-            part, done = self._complete(
-                first + begin,
-                motion.at(index) if begin else motion,
-                usable[rest],
-                {name: each.at(index) for name, each in sampled.items()} if begin else sampled,
-                rates,
-                {place - begin: said for place, said in decided.items() if place >= begin},
-                evidence[rest],
-                {name: each[rest] for name, each in near.items()},
-                None if late_tilt is None else late_tilt[rest],
-            )
-            parts.append(part)
-            begin += done
-        return ErrorMotion.joined(parts)
-
-    def _complete(
-        self,
-        first: int,
-        motion: ErrorMotion,
-        usable: NDArray[np.bool_],
-        sampled: Mapping[str, Resampled],
-        rates: Mapping[str, float],
-        decided: Mapping[int, tuple[float, float]],
-        evidence: Array,
-        near: Mapping[str, Array],
-        late_tilt: Array | None,
-    ) -> tuple[ErrorMotion, int]:
-        """The same as long as the autocollimator is taken or not, and of how many ticks."""
         there = (motion.streams[:, None] & self._bits != 0) & usable[:, None]
+        whole = motion
         motion, refused = self._without_refused(motion, evidence)
         shown = self._readings.make(motion, evidence, there, sampled, near, late_tilt, refused)
         used, scale, conflict = self._assess(first, shown, rates)
@@ -164,7 +136,23 @@ class ListedSensors:
             conflict = np.maximum(conflict, self._conflict_of(motion, choices, shown.reading, variance))
         streams = motion.streams & ~int(bits.sum()) | choices
         used_too = replace(motion, streams=streams, sensor_scale=scale, sensor_conflict=conflict)
-        return self._joined(used_too, choices, shown.reading, variance * conflict[:, None] ** 2), done
+        part = self._joined(used_too, choices, shown.reading, variance * conflict[:, None] ** 2)
+        if done == len(whole.theta):
+            return part
+        # from here on the autocollimator is taken no more, or again
+        rest, index = slice(done, None), np.arange(done, len(whole.theta))
+        others = self.complete(
+            first + done,
+            whole.at(rest),
+            usable[rest],
+            {name: each.at(index) for name, each in sampled.items()},
+            rates,
+            {place - done: said for place, said in decided.items() if place >= done},
+            evidence[rest],
+            {name: each[rest] for name, each in near.items()},
+            None if late_tilt is None else late_tilt[rest],
+        )
+        return ErrorMotion.joined([part, others])
 
     def _without_refused(self, motion: ErrorMotion, evidence: Array) -> tuple[ErrorMotion, Array]:
         """Error motion without the tilt of an autocollimator that is contradicted; that (m, 3), as in `ListedTicks`."""
@@ -322,6 +310,8 @@ class ListedSensors:
         self._tilt_doubted = bool(shown.doubts[0] & AUTOCOLLIMATOR_DOUBTED)
         if self._tilt_doubted and not doubted:
             self._retract(number)
+        doubtful = {stream for stream, judge in zip(self._streams, self._judges, strict=True) if judge.doubt}
+        self._unless = {stream: instead for stream, instead in self._unless.items() if stream in doubtful}
         open_ = [bool(self._unless.get(stream)) for stream in self._streams]
         believed = self._believed() | self._whole(np.array(open_, np.bool_))
         changes = {

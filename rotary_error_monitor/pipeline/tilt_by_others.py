@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -74,5 +73,5 @@ class TiltByOthers:
         """
         agrees = bool(np.all(np.abs(off) <= SIGMAS * std))
         self._agreeing = self._agreeing + duration if agrees else 0.0
-        if self._agreeing >= AGREEMENT and not math.isnan(self._agreeing):
+        if self._agreeing >= AGREEMENT:
             self.reset()
