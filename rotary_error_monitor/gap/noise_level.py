@@ -17,6 +17,9 @@ LOUDEST = float(np.exp(OTHERWISE * LARGEST))
 """Times the noise that somebody stated of an instrument beyond which it is none, as with slow noise (`LARGEST`): the
 prior of the level holds it for less likely than a false alarm may be."""
 
+LOUDEST_IN_MOTION = float(np.exp(np.sqrt(2) * OTHERWISE * LARGEST))
+"""The same of an instrument at the speed at which it is loudest: by how much its noise grows is as uncertain again."""
+
 LOUDEST_UNSTATED = LOUDEST**2
 """The same of noise that nobody stated: of an assumed one the logarithm is twice as uncertain."""
 

@@ -56,6 +56,7 @@ class JitterFilter:
     Attributes:
         held: what standing off by the jitter's standard deviation is at a stop in each white row.
         unforeseen: standard deviation of what is new in a reading at rest, which is one in its white row, rad.
+        part_of_floor: of the variance of a white row in motion, of the readings' noise.
     """
 
     def __init__(self, jitter: Jitter, floor: float, period: float, moving: Mask) -> None:
@@ -65,6 +66,7 @@ class JitterFilter:
         taps = self._whiteners[-1].taps
         self.held = jitter.std * jitter.in_motion * float(np.sum(taps))
         self.unforeseen = 1 / float(taps[0])
+        self.part_of_floor = floor / (2 * period) * float(np.sum(np.square(self._whiteners[0].taps)))
 
     def apply(self, rows: Array, segments: list[slice]) -> Array:
         """White rows (m, p), each segment filtered on its own.

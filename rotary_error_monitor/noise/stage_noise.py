@@ -43,10 +43,12 @@ from rotary_error_monitor.noise.lost_samples import (
     inside,
     turning_points,
 )
+from rotary_error_monitor.noise.noise_by_speed import NoiseBySpeed, SpeedDependence
+from rotary_error_monitor.noise.sensor_rows import SensorRows
 from rotary_error_monitor.noise.slow_noise import Cells, SlowNoise, cells_of
 from rotary_error_monitor.noise.spikes import find_head_spikes, find_spikes
 from rotary_error_monitor.noise.turbulence import drift_predictors
-from rotary_error_monitor.noise.whitening import Whitener, few_at_once, runs_of, segments_of
+from rotary_error_monitor.noise.whitening import Whitener, few_at_once, segments_of
 from rotary_error_monitor.sensors.library import instrument_of, sensor_of
 from rotary_error_monitor.twin.recording import SignalStream, StageRecording
 
@@ -69,6 +71,7 @@ class StageNoise:
         lines: (k,) frequencies, Hz, of the jitter's own lines.
         moving: (m,) instants of the heads at which the rotor is commanded to turn.
         row_weight: (m,) weight of the heads' rows.
+        by_speed: how noise depends on the rotor's speed.
         uncommanded: (m,) instants of the heads at which the command is not known to the noise of their mean.
     """
 
@@ -85,6 +88,7 @@ class StageNoise:
         self.levels = dict.fromkeys(self.std, 1.0)
         self.lines, self._weights = np.zeros(0), weights or {}
         self._slow: dict[str, Array] = {}
+        self.by_speed = SpeedDependence(recording.streams[COMMAND])
         self._sensors = [name for name in residual if not name.startswith("head_")]
         self._streams = {name: recording.streams[name] for name in residual}
         lost, turning = input_gaps(recording), turning_points(recording.streams[COMMAND])
@@ -114,6 +118,11 @@ class StageNoise:
             self.std[instrument] *= level / self.levels[instrument]
             self.levels[instrument] = level
         self._whiteners = self._turbulence_filters()
+        self.with_jitter(self.jitter, self.lines)
+
+    def with_noise_by_speed(self, instrument: str, noise: NoiseBySpeed | None) -> None:
+        """Take the noise of an instrument for louder the faster the rotor turns; None for as loud at all speeds."""
+        self.by_speed.take(instrument, noise)
         self.with_jitter(self.jitter, self.lines)
 
     def with_jitter(self, jitter: Jitter, lines: Array | None = None) -> None:
@@ -199,6 +208,9 @@ class StageNoise:
         enough = segments_of(self._enough)
         rows = self._command_filter.apply(bridge(mean, self.uncommanded), enough)
         weight = self._heads.weight * ~self.uncommanded
+        if HEAD in self.by_speed:
+            louder = np.square(self.by_speed.louder(HEAD, self.grid.time))
+            weight = weight / np.sqrt(1 + self._command_filter.part_of_floor * (louder / np.mean(louder) - 1))
         rows *= weight[:, None]
         return self._command_filter.without_holds(rows, weight)
 
@@ -210,7 +222,8 @@ class StageNoise:
         knows exactly, leaves errors of rounding that all of them share.
         """
         std = self.std[HEAD] * max(1.0, 1 / self.levels[HEAD])
-        return 2 * self.grid.period * std**2 / len(self.grid.heads)
+        variance = std**2 * self.by_speed.mean_square(HEAD, self.grid.time)
+        return 2 * self.grid.period * variance / len(self.grid.heads)
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -237,6 +250,9 @@ class StageNoise:
         for sensor in self._sensors:
             if sensor in signals:
                 rows |= self._sensor(sensor, signals[sensor])
+        for channel, white in rows.items():
+            if channel != COMMAND and instrument_of(channel) in self.by_speed:
+                white /= self.by_speed.louder(instrument_of(channel), self.times(channel))[:, None]
         return {
             channel: self._slow_noise(channel).whiten(white) if instrument_of(channel) in self._slow else white
             for channel, white in rows.items()
@@ -378,21 +394,8 @@ class StageNoise:
         return {**rows, COMMAND: self.command_rows(mean.T)}
 
     def _sensor(self, name: str, values: Array) -> dict[str, Array]:
-        rows = {}
-        for i, channel in enumerate(channels_of(name)):
-            spikes = self.spikes[name][:, i]
-            if name in self._whiteners:
-                bridged = bridge(values[:, i], spikes)
-                white = self._whiteners[name].apply(bridged, runs_of(self._streams[name], self._kept[name]))
-            else:
-                white = values[:, i] / self.std[instrument_of(name)]
-                white *= self._kept[name][:, None]
-            if spikes.any():
-                white[spikes] = 0.0
-            if name in self._weights:
-                white *= self._weights[name][:, i, None]
-            rows[channel] = white
-        return rows
+        own = SensorRows(name, self._streams[name], self._kept[name], self.spikes[name], self._weights.get(name))
+        return own.white(values, self.std[instrument_of(name)], self._whiteners.get(name))
 
     def _turbulence_filters(self) -> dict[str, Whitener]:
         """Of the sensors whose noise has a slow part."""

@@ -10,6 +10,7 @@ from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.streams import COMMAND
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.kinds.stage.jitter import even_motion, orders_at_one_speed
+from rotary_error_monitor.noise.noise_by_speed import NoiseBySpeed
 from rotary_error_monitor.noise.stage_noise import StageNoise
 from rotary_error_monitor.sensors.library import instrument_of, is_listed, sensor_of
 from rotary_error_monitor.twin.recording import StageRecording
@@ -99,7 +100,7 @@ def motion_remarks(recording: StageRecording, uncommanded: int) -> list[str]:
 
 
 def noise_remarks(noises: Sequence[StageNoise], command: Callable[[Array], Array]) -> list[str]:
-    """Slow noise of instruments, and lines of the jitter that look like an order.
+    """Slow noise of instruments, noise that grows with speed, and lines of the jitter that look like an order.
 
     Args:
         noises: of each stretch of a recording.
@@ -113,6 +114,15 @@ def noise_remarks(noises: Sequence[StageNoise], command: Callable[[Array], Array
         f"{name}: slow noise of {1e6 * max(sizes):.2g} {sensor_of(name).small_unit} (rms) beside the white"
         for name, sizes in slow.items()
     ]
+    grown: dict[str, list[NoiseBySpeed]] = {}
+    for noise in noises:
+        for name, by_speed in noise.by_speed:
+            grown.setdefault(name, []).append(by_speed)
+    for name, own in grown.items():
+        most = max(own, key=lambda by_speed: float(by_speed.level[-1]))
+        found.append(
+            f"{name}: noise grows with speed, {most.level[-1]:.2f} times as much at {most.speed[-1]:.2g} rad/s"
+        )
     for noise in noises:
         time = noise.grid.time
         found += [

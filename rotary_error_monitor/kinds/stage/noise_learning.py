@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from hashlib import sha256
 
@@ -24,6 +24,7 @@ from rotary_error_monitor.kinds.stage.nuisances import Nuisances
 from rotary_error_monitor.kinds.stage.rows import StageRows
 from rotary_error_monitor.kinds.stage.search import StageSearch
 from rotary_error_monitor.kinds.stage.signatures import KeptSignatures
+from rotary_error_monitor.kinds.stage.speed_levels import noise_by_speed
 from rotary_error_monitor.noise.jitter import Jitter
 from rotary_error_monitor.sensors.library import instrument_of, is_listed
 from rotary_error_monitor.twin.stage import Signals
@@ -93,6 +94,7 @@ class NoiseLearning:
         Quieter it is as all that is left shows it. That holds what is slow in the noise, such as errors of rounding
         that repeat, and what is wrong with the twin, so no fault is larger beside it than beside what is stated.
         """
+        grown = self._learn_noise_by_speed(causes)
         noise = self._problem.noise
         raw = self._problem.residual(causes)
         tracks = _by_instrument(self._problem.tracks(raw))
@@ -102,13 +104,31 @@ class NoiseLearning:
                 found[name] = found[name] if found[name] > 1.0 else _as_stated_or_quieter(noise.levels[name], own)
         changed = {name: level for name, level in found.items() if abs(level / noise.levels[name] - 1) > SAME_LEVEL}
         if not changed:
-            return False
-        ratios = {name: level / noise.levels[name] for name, level in changed.items()}
+            return grown
+        ratios = {name: np.array([level / noise.levels[name]]) for name, level in changed.items()}
         noise.with_levels(changed)
+        self._follow(ratios)
+        return True
+
+    def _follow(self, louder: Mapping[str, Array]) -> None:
+        """Make what is kept white with noise of some instruments that is so many times what it was."""
         self._expected.clear()
         self._nuisances.forget()
-        self._signatures.follow_levels(noise, ratios)
-        return True
+        self._signatures.follow_levels(self._problem.noise, louder)
+
+    def _learn_noise_by_speed(self, causes: Sequence[Cause]) -> bool:
+        """How the noise of each instrument grows with the rotor's speed."""
+        noise, ratios = self._problem.noise, {}
+        for name, own in _by_instrument(self._problem.tracks(self._problem.residual(causes))).items():
+            found, time = noise_by_speed(own, noise), self._problem.times(own[0].channel)
+            after = np.ones(len(time)) if found is None else found.at(noise.by_speed.speed(time))
+            ratio = after / noise.by_speed.louder(name, time)
+            if np.max(np.abs(ratio - 1)) > SAME_LEVEL:
+                noise.with_noise_by_speed(name, found)
+                ratios[name] = ratio
+        if ratios:
+            self._follow(ratios)
+        return bool(ratios)
 
     def _left(self, raw: Rows, causes: Sequence[Cause]) -> Rows:
         """What uncertain parameters, of each channel on its own, leave of white rows; of the variance of noise."""

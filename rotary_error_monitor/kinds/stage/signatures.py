@@ -52,14 +52,15 @@ class KeptSignatures:
             if shared is not None:
                 self._kept[key] = {**rows, COMMAND: noise.command_rows(shared)}, shared
 
-    def follow_levels(self, noise: StageNoise, louder: Mapping[str, float]) -> None:
-        """Take the noise of some instruments for so many times what it was."""
+    def follow_levels(self, noise: StageNoise, louder: Mapping[str, Array]) -> None:
+        """Take the noise of some instruments for so many times what it was, in all rows (1,) or in each (m,)."""
         self.recent.clear()
         if AUTOCOLLIMATOR in louder:
             # Beside the turbulence the filter has another shape: these are predicted again.
             self._kept = {key: kept for key, kept in self._kept.items() if f"{AUTOCOLLIMATOR}.x" not in kept[0]}
         for key, (rows, shared) in self._kept.items():
-            quieter = {c: values / louder[k] for c, values in rows.items() if (k := instrument_of(c)) in louder}
+            own = {c: instrument_of(c) for c in rows}
+            quieter = {c: values / louder[own[c]][:, None] for c, values in rows.items() if own[c] in louder}
             self._kept[key] = {**rows, **quieter}, shared
         if HEAD in louder:
             self.follow_command(noise)
