@@ -6,28 +6,25 @@ import math
 from collections.abc import Iterator, Mapping
 
 from rotary_error_monitor.description.stage import StageDescription
-from rotary_error_monitor.description.stage_section import Mirror
 from rotary_error_monitor.metrology.description_check import FigureCheck
-from rotary_error_monitor.metrology.periodic_curves import steepest
 from rotary_error_monitor.pipeline.command_belief import CommandBelief
 from rotary_error_monitor.pipeline.commanded_rotation import CommandedRotation
 from rotary_error_monitor.pipeline.evidence import (
     AGREEMENT,
-    EVERYWHERE,
     LONG,
     SHORT,
     Evidence,
     EvidenceWindow,
-    Reach,
     WindowGrid,
     Windows,
     are_uneven,
 )
+from rotary_error_monitor.pipeline.first_turn import OWN
 from rotary_error_monitor.pipeline.head_belief import HeadBelief
 from rotary_error_monitor.pipeline.ring_belief import ABSENT, RingBelief
 from rotary_error_monitor.pipeline.stream_belief import StreamBelief
 from rotary_error_monitor.pipeline.tilt_belief import TiltBelief
-from rotary_error_monitor.pipeline.verdict import InputVerdict, Standing
+from rotary_error_monitor.pipeline.verdict import InputVerdict, Standing, VerdictAssembly
 from rotary_error_monitor.signals.streams import SampleStream
 
 FEWEST = 3
@@ -35,8 +32,6 @@ FEWEST = 3
 
 _LONG_AGO = -(2**62)
 """Number of a window before all others."""
-
-_ROOT = math.sqrt(2.0)
 
 
 class Belief:
@@ -80,19 +75,20 @@ class Belief:
         self.streams = StreamBelief(streams, bits)
         self._check_turns = min(check_turns, 1.0)
         encoder, self._commanded = stage.encoder or ABSENT, None if stage.encoder else CommandedRotation(stage)
-        self._radius, self._has_tilt = encoder.disc_radius, stage.autocollimator is not None
+        self._radius, self._limits = encoder.disc_radius, stage.limits
+        self._has_tilt = stage.autocollimator is not None
         self.heads = HeadBelief(heads, encoder, stage.limits, disagreement_limit, stage.timing("encoder"))
         self.tilt = TiltBelief(stage)
         self.ring = RingBelief(stage)
         self.command = self._commanded or CommandBelief(stage)
-        # what is taken off at an angle moves by this for each rad that a command alone has wrong
-        self._figure_slope = _slope_of(stage.mirror) if self._commanded else 0.0
+        self._wobble = math.hypot(*stage.mirror.tilt)
+        self._assembly = VerdictAssembly(encoder.disc_radius, stage.mirror if self._commanded else None)
         self._pending: Evidence | None = None
         self._explained: set[str] = set()
         self._began: dict[str, int] = {}
         self._heard: int | None = None
         self._zero_open, self._uncommanded = False, 0.0
-        self._quiet = False
+        self._quiet, self._tilt = False, math.inf
         self.turns = 0
         self.verdict = self._conclude()
 
@@ -261,7 +257,9 @@ class Belief:
         seen = list(zip(*(judge.take_in(windows) for judge in judges), strict=True))
         self._note_doubts(windows.numbers[-1])
         self.verdict = self._conclude()
-        return [self._verdict(standing, heads, late, tilt, command) for heads, late, tilt, command in seen[:-1]]
+        return [
+            self._assembly.verdict(standing, heads, late, tilt, command) for heads, late, tilt, command in seen[:-1]
+        ]
 
     def _heads_there(self, available: int) -> tuple[str, ...]:
         if available not in self._heads_of:
@@ -273,6 +271,7 @@ class Belief:
         if window.mean.heads > 0.0:
             self._heard = window.number
         before = self._heads_left_out()
+        self._tilt = math.hypot(*window.pair("tilt_surplus")) if window.has("tilt") else math.inf
         if not self._quiet:
             self.streams.judge(window, window.number * window.ticks * self._period_ns)
         explained = self.streams.doubted.keys() & {*self._head_names} if self.streams.doubted else set()
@@ -325,7 +324,7 @@ class Belief:
 
     def _conclude(self) -> InputVerdict:
         heads, tilt, command = self.heads, self.tilt, self.command
-        return self._verdict(
+        return self._assembly.verdict(
             self._standing(),
             (heads.scale, heads.most, heads.rotation),
             self.ring.late,
@@ -358,39 +357,23 @@ class Belief:
         return Standing(
             excluded,
             sum([1 << bit for bit, doubted in enumerate(doubts) if doubted]),
-            self._unresolved(ring.figure),
+            math.hypot(self._unresolved(ring.figure), self._displaced()),
             self._unresolved(tilt.figure),
             self._mask_of[heads.settled],
         )
 
-    def _verdict(
-        self,
-        standing: Standing,
-        heads: tuple[float, float, float],
-        late: float,
-        tilt: tuple[float, Reach],
-        command: tuple[float, Reach],
-        radial: Reach = EVERYWHERE,
-    ) -> InputVerdict:
-        """Verdict by what stands and by what the judges say of one window, as they give it in `take_in`."""
-        excluded, doubts, unresolved, unresolved_tilt, settled = standing
-        lag = command[0]
-        values = (  # in the order of `InputVerdict`
-            excluded,
-            doubts,
-            heads[0],
-            tilt[0],
-            math.hypot(lag, late / self._radius, heads[2]),
-            # a component may have all of what is late, but only half the square of what turns with the rotor
-            math.hypot(unresolved, _ROOT * late),
-            math.hypot(unresolved_tilt, _ROOT * self._figure_slope * lag),
-            heads[1],
-            settled,
-            tilt[1],
-            command[1],
-            radial,
-        )
-        return InputVerdict._make(values)
+    def _displaced(self) -> float:
+        """What a wrong rotation, or stamps, of the heads make of the radial error motion, m.
+
+        Where the command is not believed the heads may be the ones that are elsewhere on the turn than they say, by as
+        much as it is apart, but for where the mirror would show that by more than the tilt that is not expected.
+        """
+        if not self.command.doubt or self._commanded:
+            return 0.0
+        turned = min(abs(self.command.distance), math.pi)
+        if self._tilt < 0.5 * self._wobble * 2.0 * math.sin(turned / 2.0):
+            return 0.0
+        return self._limits.radial * min(turned, 2.0) / OWN
 
 
 def _up_to_measurements(windows: Windows) -> Iterator[Windows]:
@@ -400,10 +383,3 @@ def _up_to_measurements(windows: Windows) -> Iterator[Windows]:
         end = min(begin + 1 + -(windows.first + begin) % SHORT, len(windows))
         yield windows.part(begin, end)
         begin = end
-
-
-def _slope_of(mirror: Mirror) -> float:
-    """Largest change of what the mirror shows of itself per rotation, rad/rad."""
-    flatness = sum(row.order * math.hypot(*row.x, *row.y) for row in mirror.flatness)
-    measured = 0.0 if mirror.flatness_table is None else steepest(mirror.flatness_table)
-    return math.hypot(*mirror.tilt) + flatness + measured

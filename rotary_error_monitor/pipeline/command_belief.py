@@ -109,6 +109,11 @@ class CommandBelief:
         untold = self._zero.untold / SIGMAS
         return untold if untold > self._noise else 0.0
 
+    @property
+    def distance(self) -> float:
+        """Rotation by the heads less the command in the last window that has both, rad."""
+        return 0.0 if self._last is None else self._last.mean.ecc
+
     def _note_hidden(self, duration: float) -> None:
         self._hidden = min(self._hidden, self._slope.unseen(duration))
 

@@ -6,7 +6,7 @@ import math
 
 from rotary_error_monitor.description.stage_limits import StageLimits
 from rotary_error_monitor.pipeline.evidence import SIGMAS
-from rotary_error_monitor.pipeline.first_turn import OWN, FirstTurn
+from rotary_error_monitor.pipeline.first_turn import OWN, FirstTurn, StepSize
 from rotary_error_monitor.pipeline.ring_scatter import RingScatter
 from rotary_error_monitor.pipeline.turn_memory import distance
 
@@ -42,6 +42,8 @@ class HeadsOwn:
         """What comes next does not follow upon what was."""
         self._scatter.forget_last()
         self._place: tuple[int, tuple[float, float], float] | None = None
+        self._steps, self._rotation_steps = StepSize(), StepSize()
+        self._stepped = -1  # number of the window of the last step
 
     def note_place(
         self, number: int, duration: float, place: tuple[float, float], variance: float, rate: float
@@ -61,9 +63,11 @@ class HeadsOwn:
             way = self._limits.radial_rate * duration * (number - last[0])
             most = min(way, 2.0 * self._limits.radial) + SIGMAS * math.hypot(noise, last[2])
             if distance(place, last[1]) > most:
-                self.counts = True
-                return
-        self._scatter.add(number, place, variance, rate)
+                self.counts, self._stepped = True, number
+        stepped = self._stepped == number
+        self._first_turn.step(self._steps.grown(number, place, stepped=stepped))
+        if not stepped:
+            self._scatter.add(number, place, variance, rate)
 
     def raised(self, scale: float, number: int, theta: float, place: tuple[float, float], variance: float) -> float:
         """Scale of standard deviations, with what may be a head's: all that is not as in the first turn.
@@ -79,5 +83,7 @@ class HeadsOwn:
         As `raised`, but of the rotation alone, which also goes with the load of the drive.
         """
         if not math.isnan(ecc):
+            grown = self._rotation_steps.grown(number, (ecc, 0.0), stepped=self._stepped == number)
+            self._first_rotation.step(grown)
             self._first_rotation.follow(number, theta, (ecc, 0.0))
         return self._first_rotation.unrepeated / OWN if self.counts else 0.0

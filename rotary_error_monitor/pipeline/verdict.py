@@ -6,7 +6,11 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from rotary_error_monitor.description.stage_section import Mirror
+from rotary_error_monitor.metrology.periodic_curves import steepest
 from rotary_error_monitor.pipeline.evidence import EVERYWHERE, Reach
+
+_ROOT = math.sqrt(2.0)
 
 DOUBTS = ("heads", "ring", "autocollimator", "command", "redundancy", "unverified", "unverified_tilt")
 """Bits of the column `doubts`, the lowest first: heads that contradict one another and are not used; a description that
@@ -67,6 +71,51 @@ class Standing(NamedTuple):
     settled: int
 
 
+class VerdictAssembly:
+    """Makes verdicts of what the judges of a stage's inputs say."""
+
+    def __init__(self, radius: float, mirror: Mirror | None) -> None:
+        """Of a ring with a radius, m; without heads what is taken off of the `mirror` is as wrong as the rotation."""
+        self._radius = radius
+        self._figure_slope = 0.0 if mirror is None else _slope_of(mirror)
+
+    def verdict(
+        self,
+        standing: Standing,
+        heads: tuple[float, float, float],
+        late: float,
+        tilt: tuple[float, Reach],
+        command: tuple[float, Reach],
+        radial: Reach = EVERYWHERE,
+    ) -> InputVerdict:
+        """Verdict by what stands and by what the judges say of one window, as they give it in `take_in`."""
+        excluded, doubts, unresolved, unresolved_tilt, settled = standing
+        lag = command[0]
+        values = (  # in the order of `InputVerdict`
+            excluded,
+            doubts,
+            heads[0],
+            tilt[0],
+            math.hypot(lag, late / self._radius, heads[2]),
+            # a component may have all of what is late, but only half the square of what turns with the rotor
+            math.hypot(unresolved, _ROOT * late),
+            math.hypot(unresolved_tilt, _ROOT * self._figure_slope * lag),
+            heads[1],
+            settled,
+            tilt[1],
+            command[1],
+            radial,
+        )
+        return InputVerdict._make(values)
+
+
 def names_of(doubts: int) -> Sequence[str]:
     """Doubts of a mask by name."""
     return [name for bit, name in enumerate(DOUBTS) if doubts >> bit & 1]
+
+
+def _slope_of(mirror: Mirror) -> float:
+    """Largest change of what the mirror shows of itself per rotation, rad/rad."""
+    flatness = sum(row.order * math.hypot(*row.x, *row.y) for row in mirror.flatness)
+    measured = 0.0 if mirror.flatness_table is None else steepest(mirror.flatness_table)
+    return math.hypot(*mirror.tilt) + flatness + measured
