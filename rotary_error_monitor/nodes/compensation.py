@@ -59,6 +59,7 @@ class Compensation(ManagedNode):
             self.get_logger().info(slower)
         self._compensator = Compensator(machine, compensation_settings(self), limits=self.stage.limits)
         self._has_rotary = any(axis.kind == "rotary" for axis in machine.axes)
+        self._has_three = sum(axis.kind == "linear" for axis in machine.axes) >= 3
         self._age_limit_ns = round(self.setting("age_limit") * NANOSECONDS)
         self._hold: str | None = ""
         self._released_ns: int | None = None
@@ -213,6 +214,8 @@ class Compensation(ManagedNode):
             reasons.append("beyond the warning limit")
         if latest.outcome is CorrectionOutcome.RATE_LIMITED:
             reasons.append("slowed by the rate limit")
+        if self._has_three and not latest.position_spanned:
+            reasons.append("the axes cannot correct the tool's position here")
         if self._has_rotary and not latest.direction_spanned:
             reasons.append("the axes cannot correct the tool's direction here")
         if stale:
@@ -245,6 +248,7 @@ class Compensation(ManagedNode):
     def _reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         state = self._compensator.state
         self._compensator.reset()
+        self._output.reset()
         response.success = True
         response.message = f"released: {state.reason}" if state.latched else "nothing was latched"
         self.get_logger().info(f"reset: {response.message}")

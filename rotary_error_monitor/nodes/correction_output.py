@@ -48,7 +48,8 @@ class CorrectionOutput:
         self._feedback = node.wire.topic("applied_corrections")
         self._began_ns: int | None = None
         self._started = False
-        self._unfed = ""
+        self._unfed = self._doubt = ""
+        self._accepts_any = False
         self._worst_age, self._told_stale = 0.0, 0
         self.latest: Correction | None = None
         self.stale = 0
@@ -75,6 +76,8 @@ class CorrectionOutput:
             return ""
         self._began_ns = now_ns if self._began_ns is None else self._began_ns
         topic = self._feedback.name
+        if self._doubt:
+            return f"{self._doubt}; ~/reset accepts it, and it goes back at the rate limit"
         waited = (now_ns - self._began_ns) / NANOSECONDS
         if self._node.count_publishers(topic) == 0 and waited >= self._node.setting("feedback_patience"):
             self._started = True
@@ -84,7 +87,11 @@ class CorrectionOutput:
 
     def remarks(self, now_ns: int) -> list[str]:
         """What is not as it should be with the controller's side, and beside this node."""
-        return [remark for remark in (self._unfed, self._silent_publisher()) if remark]
+        return [remark for remark in (self._unfed, self._doubt, self._silent_publisher()) if remark]
+
+    def reset(self) -> None:
+        """Believe what the controller says next of the corrections in effect."""
+        self._accepts_any = True
 
     def take_worst_age(self) -> float:
         """Largest age of an offset at its publication since the last call, s."""
@@ -140,6 +147,11 @@ class CorrectionOutput:
 
     def _receive_feedback(self, message: JointState) -> None:
         positions, _ = messages.joint_motion(message)
+        found = "" if self._accepts_any else self._compensator.implausible(positions)
+        self._doubt = f"the controller says on {self._feedback.name} what cannot be in effect: {found}" if found else ""
+        if found:
+            return
+        self._accepts_any = False
         # While corrections go out, what is in effect is on its way to them; while none do, it may go elsewhere.
         if self.latest is None or self._node.now_ns() - self.latest.stamp_ns > _SILENT_FOR_NS:
             self._compensator.start_from(positions)

@@ -157,6 +157,10 @@ class Compensator:
         """Say what corrections (by axis, m and rad) the controller has in effect: the next ones go on from there."""
         self._corrector.start_from([applied.get(letter, 0.0) for letter in self._machine.letters])
 
+    def implausible(self, applied: Mapping[str, float]) -> str:
+        """Why corrections (by axis, m and rad) that a controller says are in effect cannot be; empty where they can."""
+        return self._corrector.implausible(applied)
+
     def forget_time(self) -> None:
         """The clock was set back: forget all that was stamped before."""
         self.joints.clear()

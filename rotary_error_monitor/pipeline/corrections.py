@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -85,7 +85,8 @@ class Correction:
         values: (axes,) correction to add to each axis's command, m or rad, within the limits.
         rates: (axes,) its rate of change since the last one, m/s or rad/s.
         outcome: what became of the wanted correction.
-        direction_spanned: whether the axes reach every direction of the tool here.
+        position_spanned: whether the axes reach every offset of the tool tip here.
+        direction_spanned: whether they reach every direction of the tool.
         described: whether it comes from the description alone.
         report: what remains; only now and then.
     """
@@ -95,6 +96,7 @@ class Correction:
     values: NDArray[np.float64]
     rates: NDArray[np.float64]
     outcome: CorrectionOutcome
+    position_spanned: bool
     direction_spanned: bool
     described: bool
     report: OffsetReport | None
@@ -143,6 +145,14 @@ class CorrectionMaker:
         self.state = CorrectionState(
             tuple(float(value) for value in applied), None, self.state.latched, self.state.reason
         )
+
+    def implausible(self, applied: Mapping[str, float]) -> str:
+        """Why corrections that are said to be in effect, m and rad by axis, cannot be; empty where they can."""
+        for letter, most in zip(self._letters, self._limits.error.tolist(), strict=True):
+            value = applied.get(letter, 0.0)
+            if abs(value) > most:
+                return f"{value:.4g} of axis {letter} is beyond the error limit of {most:g}; its unit may be wrong"
+        return ""
 
     def is_ahead_of(self, time_ns: int) -> bool:
         """Whether a correction of that time or later has been given already."""
@@ -240,6 +250,7 @@ class CorrectionMaker:
                 limited.corrections[i],
                 rates[i],
                 CorrectionOutcome(int(limited.outcomes[i])),
+                bool(wanted.position_spanned[i]),
                 bool(wanted.direction_spanned[i]),
                 described,
                 by_index.get(int(i)),

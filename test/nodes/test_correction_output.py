@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.description.wire import load_wire
+from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.correction_output import CorrectionOutput
 from rotary_error_monitor.pipeline.compensation import Compensator
 
@@ -29,6 +31,7 @@ class Node:
         self.wire = load_wire(("a", "b", "c", "d"))
         self.time_ns = START
         self.sent = []
+        self.heard = {}
 
     def now_ns(self):
         return self.time_ns
@@ -37,9 +40,48 @@ class Node:
         return Publisher(self.sent if topic.key == "axis_corrections" else [])
 
     def listen_to(self, topic, callback):
-        """Nobody speaks."""
+        self.heard[topic.key] = callback
 
     listen_to_bytes = listen_to
+
+    def count_publishers(self, name):
+        return 1
+
+    def setting(self, name):
+        return 2.0
+
+
+def in_effect(node, machine, **values):
+    """The controller says which corrections it has in effect."""
+    names = [*machine.letters]
+    positions = [values.get(name, 0.0) for name in names]
+    message = messages.joint_state_message(node.time_ns, "base", names, np.array(positions), np.zeros(len(names)))
+    node.heard["applied_corrections"](message)
+
+
+@pytest.mark.parametrize("said", [5.3e-3, -0.1, 5.3])
+def test_what_cannot_be_in_effect_is_no_begin(said):
+    """In mm: corrections began 5 mm off, where at most half a millimetre may be, and went back at the rate limit."""
+    node, compensator = Node(), Compensator(GRINDER)
+    output = CorrectionOutput(node, compensator, AGE_LIMIT)
+    assert "waiting" in output.forbidden(START)
+    in_effect(node, GRINDER, Y=said)
+    assert f"{said:.4g} of axis Y is beyond the error limit" in output.forbidden(START)
+    assert compensator.state.applied == (0.0,) * len(GRINDER.letters)
+    in_effect(node, GRINDER, Y=5.3e-6)
+    assert output.forbidden(START) == ""
+    assert compensator.state.applied[Y] == 5.3e-6
+
+
+def test_a_reset_accepts_what_the_controller_says_is_in_effect():
+    node, compensator = Node(), Compensator(GRINDER)
+    output = CorrectionOutput(node, compensator, AGE_LIMIT)
+    in_effect(node, GRINDER, Y=2e-3)
+    assert "~/reset accepts it" in output.forbidden(START)
+    output.reset()
+    in_effect(node, GRINDER, Y=2e-3)
+    assert output.forbidden(START) == ""
+    assert compensator.state.applied[Y] == 2e-3
 
 
 def test_what_follows_late_corrections_goes_on_from_what_was_published():

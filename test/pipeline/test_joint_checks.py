@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rotary_error_monitor.description.machine import load_machine
-from rotary_error_monitor.pipeline.joint_checks import BEYOND_TRAVEL, FROZEN, JUMP, JointChecks
+from rotary_error_monitor.pipeline.joint_checks import BEYOND_TRAVEL, JUMP, JointChecks
+from rotary_error_monitor.pipeline.joint_freezes import FROZEN
 from rotary_error_monitor.pipeline.joints import JointTrack
 
 MACHINE = load_machine("xyzac_trt")
@@ -317,3 +318,64 @@ def test_a_state_with_the_stamp_of_one_that_was_refused_is_not_looked_at():
             track.push(stamp_ns, axes | {"X": x}, {"X": 0.0})
     assert track.checks.refused == {JUMP: 1}
     assert not track.doubt
+
+
+@pytest.mark.parametrize("velocities", ["left out", "zero"])
+@pytest.mark.parametrize("rate", [20.0, 100.0, 1000.0])
+@pytest.mark.parametrize("seed", range(8))
+def test_axes_that_were_frozen_where_they_are_slow_are_believed_again(seed, rate, velocities):
+    """They may stand there, so nothing is said; where they are afterwards no axis gets at once: all was refused."""
+    draw = np.random.default_rng([seed, int(rate)])
+    some = draw.permutation(len(MACHINE.axes))[: draw.integers(1, 4)]
+    stamps = np.arange(-1.5, 6.0, 1.0 / rate) + draw.uniform(0.0, 1.0 / rate)
+    rows = np.zeros((len(stamps), len(MACHINE.axes)))
+    long = draw.uniform(0.3, 1.2)
+    frozen = (stamps > 0.0) & (stamps <= long)
+    for axis in some:
+        described = MACHINE.axes[axis]
+        pace = draw.uniform(0.5, 1.2)  # rad/s of a swing that turns back where it begins to be frozen
+        most = 0.4 * min(np.ptp(described.travel) / 2, described.fastest / pace, described.quickest / pace**2)
+        rows[:, axis] = most * np.cos(pace * (stamps - draw.uniform(-0.05, 0.0)))
+        rows[frozen, axis] = rows[stamps <= 0.0, axis][-1]
+    checks = JointChecks(MACHINE)
+    speeds = SPEEDS if velocities == "zero" else {}
+    said = np.array([checks.judge(round(t * 1e9), row, speeds) for t, row in zip(stamps.tolist(), rows, strict=True)])
+    assert set(said[stamps <= 0.0]) == {""}
+    assert set(said[stamps > long + 0.5]) == {""}
+
+
+@pytest.mark.parametrize("rate", [20.0, 100.0, 1000.0])
+@pytest.mark.parametrize("seed", range(8))
+def test_an_axis_that_stood_and_is_set_elsewhere_stays_refused(seed, rate):
+    """Also where it moves on from there a while later, as the controller goes on from what it was set to."""
+    draw = np.random.default_rng([seed, int(rate), 1])
+    axis = int(draw.integers(len(MACHINE.axes)))
+    described = MACHINE.axes[axis]
+    stamps = np.arange(-2.0, 6.0, 1.0 / rate)
+    pace = draw.uniform(0.5, 1.2)
+    most = 0.3 * min(np.ptp(described.travel) / 2, described.fastest / pace, described.quickest / pace**2)
+    swings = np.maximum(np.maximum(-1.0 - stamps, 0.0), np.maximum(stamps - draw.uniform(0.3, 2.0), 0.0))
+    places = most * (1.0 - np.cos(pace * swings)) / 2
+    offset = draw.choice([-1, 1]) * draw.uniform(2.0, 6.0) * described.fastest * max(1.0 / rate, 0.01)
+    said = told(axis, stamps, places + np.where(stamps > 0.0, offset, 0.0), {})
+    assert set(said[stamps <= 0.0]) == {""}
+    assert all(JUMP in each for each in said[stamps > 0.0])
+
+
+@pytest.mark.parametrize("every", [2, 3])
+@pytest.mark.parametrize("size", [1.5e-3, 3e-3, 5e-3, 0.05])
+@pytest.mark.parametrize("seed", range(3))
+def test_an_axis_that_jumps_to_and_fro_is_not_believed_by_turns(seed, size, every):
+    """It was as soon as the time since it was right allowed for the jump: up to 0.6 s at a time, 12 deviations off."""
+    draw = np.random.default_rng([seed, every])
+    rows = smooth(700)
+    rows[:, 0] *= 0.5
+    wrong = np.zeros(len(rows), bool)
+    wrong[200:400] = np.arange(200) % every == 0
+    rows[wrong, 0] += draw.choice([-1, 1]) * size
+    _, said = judged(rows)
+    said = np.array(said)
+    assert set(said[:200]) == {""}
+    believed = np.flatnonzero(wrong & (said == ""))
+    assert len(believed) <= 4, believed
+    assert set(said[400 + 100 :]) == {""}
