@@ -32,6 +32,9 @@ Expansion = Annotated[float, Expected("a coefficient of thermal expansion in 1/K
 Length = Annotated[float, Expected("a length in m, at most 100 m", -100, 100)]
 Turn = Annotated[float, Expected("an angle in rad, at most pi", -HALF_TURN, HALF_TURN)]
 
+LONGEST = 100.0
+"""Travel of a linear axis either way, m: of the longest gantries."""
+
 ZERO: Vector = (0.0, 0.0, 0.0)
 
 UNIT_LENGTH = 1e-9
@@ -156,8 +159,8 @@ class Axis(Section):
         }
 
     def contradictions(self) -> Iterator[tuple[Place, str]]:
-        """A travel that does not rise, or a direction that is no unit vector."""
-        if problem := not_rising(self.travel):
+        """A travel that does not rise or is none of a machine, or a direction that is no unit vector."""
+        if problem := wrong_travel(self.kind, self.travel):
             yield ("travel",), problem
         length = math.hypot(*self.direction)
         if abs(length - 1.0) > UNIT_LENGTH:
@@ -214,10 +217,14 @@ class BodySection:
         return whole
 
 
-def not_rising(travel: tuple[float, float]) -> str | None:
-    """What is wrong with a travel whose end is not above its beginning."""
+def wrong_travel(kind: str, travel: tuple[float, float]) -> str | None:
+    """What is wrong with a travel whose end is not above its beginning, or that is none of a machine."""
     low, high = travel
-    return None if low < high else f"[{low}, {high}] is no travel; expected the lowest position first"
+    if low >= high:
+        return f"[{low}, {high}] is no travel; expected the lowest position first"
+    if kind == "linear" and max(abs(low), abs(high)) > LONGEST:
+        return f"[{low}, {high}] m is no travel; expected at most {LONGEST:g} m either way, in m and not in mm"
+    return None
 
 
 def _cross(a: Vector, b: Vector) -> Vector:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any
 
@@ -21,7 +21,7 @@ from rotary_error_monitor.description.machine_parts import (
     ErrorTable,
     Expansion,
     Smooth,
-    not_rising,
+    wrong_travel,
 )
 from rotary_error_monitor.description.machine_tree import wrong_tree
 from rotary_error_monitor.description.provenance import Calibrated
@@ -145,11 +145,26 @@ class MachineSection(Section):
             return content, {}
         return {**content, name: [noise] * 3}, {(name, i): (name,) for i in range(3)}
 
-    def _of_no_axis(self, letters: Collection[str]) -> Iterator[tuple[Place, str]]:
-        """Errors of axes that there are not."""
-        for name in self.errors:
-            if name[2] not in letters:
-                yield ("errors", name), f"there is no axis {name[2]}; the axes are {', '.join(letters)}"
+    def _out_of_place(self, travels: Mapping[str, tuple[float, float]]) -> Iterator[tuple[Place, str]]:
+        """Errors of axes that there are not, tables far beyond a travel, and a temperature that there is not."""
+        for name, row in self.errors.items():
+            if name[2] not in travels:
+                yield ("errors", name), f"there is no axis {name[2]}; the axes are {', '.join(travels)}"
+                continue
+            low, high = travels[name[2]]
+            beyond = max(low - row.table.positions[0], row.table.positions[-1] - high) if row.table else 0.0
+            if row.table is not None and beyond > high - low > 0.0:
+                yield (
+                    ("errors", name, "table", "positions"),
+                    f"from {row.table.positions[0]:g} to {row.table.positions[-1]:g} they are beyond the travel of "
+                    f"axis {name[2]}, {low:g} to {high:g}; expected positions in m or rad",
+                )
+        low, high = self.limits.temperature
+        if low < high and not low <= self.reference_temperature <= high:
+            yield (
+                ("reference_temperature",),
+                f"{self.reference_temperature:g} °C is outside limits.temperature: expected {low:g} to {high:g}",
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,8 +186,8 @@ class TreeSection(MachineSection):
     ]
 
     def contradictions(self) -> Iterator[tuple[Place, str]]:
-        """Errors of other axes, or a tree that does not hold together."""
-        yield from self._of_no_axis(self.axes)
+        """What is out of place, or a tree that does not hold together."""
+        yield from self._out_of_place({letter: axis.travel for letter, axis in self.axes.items()})
         yield from wrong_tree(self)
 
 
@@ -192,8 +207,8 @@ class ParameterSection(MachineSection):
     expansion: Mapping[Linear, Expansion] = field(default_factory=dict)
 
     def contradictions(self) -> Iterator[tuple[Place, str]]:
-        """A travel that does not rise, or errors of other axes."""
+        """A travel that does not rise, or what is out of place."""
         for letter, travel in self.travel.items():
-            if problem := not_rising(travel):
+            if problem := wrong_travel("linear" if letter in "XYZ" else "rotary", travel):
                 yield ("travel", letter), problem
-        yield from self._of_no_axis(self.travel)
+        yield from self._out_of_place(self.travel)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Protocol
 
-from rotary_error_monitor.description.machine_parts import Axis, BodySection
+from rotary_error_monitor.description.machine_parts import Axis, BodySection, Vector
 from rotary_error_monitor.description.quantities import LARGEST_TILT
 from rotary_error_monitor.description.sections import Place
 
@@ -14,6 +15,9 @@ BASE = "base"
 
 _STAGE_AXIS = (0.0, 0.0, 1.0)
 """Direction of a monitored axis in its stator's frame: its error motion comes as the stage sees it, whose z it is."""
+
+FLATTEST = 0.02
+"""Part of a unit cube that three linear axes span at least: with less one of them goes far for little of an offset."""
 
 
 class Tree(Protocol):
@@ -93,3 +97,73 @@ def wrong_tree(section: Tree) -> Iterator[tuple[Place, str]]:
             f"{list(axes[section.monitored].direction)} is not the z of the stage that monitors this axis, so that its"
             " error motion would be taken for another; expected [0, 0, 1], with the body turned by pose.rotation",
         )
+    yield from _wrong_chain(section)
+
+
+def _wrong_chain(section: Tree) -> Iterator[tuple[Place, str]]:
+    """What makes a tree that holds together no machine: nothing that moves as stated between tool and workpiece."""
+    rows = {row.name: row for row in section.bodies}
+    if not {section.tool, section.workpiece, *(row.parent for row in section.bodies)} <= {*rows, BASE}:
+        return
+    if section.tool == section.workpiece:
+        yield ("tool",), f"'{section.tool}' is the workpiece as well; expected the body that holds the tool"
+        return
+    up = {name: _above(rows, name) for name in (section.tool, section.workpiece)}
+    tool, workpiece = up[section.tool], up[section.workpiece]
+    chain = [row for row in tool if row not in workpiece][::-1] + [row for row in workpiece if row not in tool]
+    letters = [row.axis for row in chain if row.axis in section.axes]
+    if section.monitored in section.axes and section.monitored not in letters:
+        yield (
+            ("monitored",),
+            f"axis {section.monitored} moves the tool against the workpiece nowhere: it carries neither, or both; "
+            f"expected one of {', '.join(filter(None, letters)) or 'the axes between them'}",
+        )
+    yield from _flat_axes(section, rows, chain)
+
+
+def _flat_axes(
+    section: Tree, rows: Mapping[str, BodySection], chain: Sequence[BodySection]
+) -> Iterator[tuple[Place, str]]:
+    """Three linear axes that lie in one plane, with no rotary one between them that would turn them out of it."""
+    moving = [row for row in chain if row.axis is not None and row.axis in section.axes]
+    kinds = [section.axes[row.axis or ""].kind for row in moving]
+    along = [row for row, kind in zip(moving, kinds, strict=True) if kind == "linear"]
+    first = kinds.index("linear") if along else 0
+    if len(along) != 3 or "rotary" in kinds[first : len(kinds) - kinds[::-1].index("linear")]:
+        return
+    (a, b, c), (d, e, f), (g, h, i) = (_direction(rows, row, section.axes) for row in along)
+    if abs(a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)) < FLATTEST:
+        letters = ", ".join(row.axis or "" for row in along)
+        yield ("axes", along[-1].axis or "", "direction"), f"{letters} lie in one plane; expected axes that span space"
+
+
+def _above(rows: Mapping[str, BodySection], name: str) -> list[BodySection]:
+    """A body and those that carry it, up to the base."""
+    found: list[BodySection] = []
+    while name in rows and rows[name] not in found:
+        found.append(rows[name])
+        name = rows[name].parent
+    return found
+
+
+def _direction(rows: Mapping[str, BodySection], row: BodySection, axes: Mapping[str, Axis]) -> Vector:
+    """Direction of the axis of a body in the frame of the base, with all axes at zero."""
+    direction = axes[row.axis or ""].direction
+    for each in _above(rows, row.name):
+        direction = _turned(direction, each.pose.rotation)
+    return direction
+
+
+def _turned(vector: Vector, rotation: Vector) -> Vector:
+    """A vector turned by a rotation vector, rad (Rodrigues' formula)."""
+    angle = math.hypot(*rotation)
+    if angle == 0.0:
+        return vector
+    x, y, z = (part / angle for part in rotation)
+    u, v, w = vector
+    cos, sin, along = math.cos(angle), math.sin(angle), (x * u + y * v + z * w) * (1.0 - math.cos(angle))
+    return (
+        u * cos + (y * w - z * v) * sin + x * along,
+        v * cos + (z * u - x * w) * sin + y * along,
+        w * cos + (x * v - y * u) * sin + z * along,
+    )

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Mask
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.description.stage_limits import StageLimits
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
@@ -22,8 +23,19 @@ MEMORY_NS = 2_000_000_000
 LASTS_NS = 100_000_000
 """How long command and joint states are apart, ns, before their difference has to change for that to be over."""
 
+AGREED_NS = 300_000_000
+"""For how long the encoder and the joint states have to agree, ns, once they did not: a rotation in another unit comes
+near to them again and again.
+
+It is longer than they may be apart by the age of a joint state, and short beside the second in which all is right
+again.
+"""
+
 LARGEST_GAP_NS = 50_000_000
 """Commands further apart, ns, say nothing of the time between them."""
+
+_NEVER = -(2**62)
+"""A time, ns, long before all others."""
 
 _TOLD = {
     "autocollimator": "tilt from the description: the autocollimator is not used",
@@ -83,12 +95,14 @@ class InputChecks:
         self._apart = False
         self._far = FarDistance(tolerances.command_tolerance, steady=False)
         self._far_since_ns: int | None = None
+        self._disagreed_ns: int | None = None
         self.forget()
 
     def forget(self) -> None:
         """Forget the commands of the past."""
         self._times = np.empty(0, np.int64)
         self._commands = np.empty(0)
+        self._disagreed_ns = None
 
     def joints_are_sound(self) -> bool:
         """Whether the encoder did not contradict the joint states when it spoke last."""
@@ -96,6 +110,10 @@ class InputChecks:
 
     def believe(self) -> None:
         """Believe command and joint states wherever they are."""
+        self._believe_command()
+        self._disagreed_ns = None
+
+    def _believe_command(self) -> None:
         self._far.clear()
         self._far_since_ns = None
 
@@ -105,6 +123,7 @@ class InputChecks:
         commanded = motion.theta - np.where(motion.observable[:, 5], motion.components[:, 5], 0.0)
         self._remember(motion.times_ns, commanded)
         difference, usable, command, fresh, agree, fits, proven = self._judged(axes, doubts)
+        usable, agree = self._latched(motion.times_ns, usable, agree)
         command = self._as_before(axes, motion.times_ns, difference, command)
         beyond = self._motion.beyond(motion)
         if beyond is not None:
@@ -132,6 +151,16 @@ class InputChecks:
                 if wrong
             )
         return Checked(usable, commanded, command, hold, self._remarks(motion, command[-1], difference[-1]))
+
+    def _latched(self, ticks: NDArray[np.int64], usable: Mask, agree: Mask) -> tuple[Mask, Mask]:
+        """What is usable, and where both agree (m,), for long enough by now."""
+        if agree.all() and self._disagreed_ns is None:
+            return usable, agree
+        before = _NEVER if self._disagreed_ns is None else self._disagreed_ns
+        last = np.maximum.accumulate(np.where(agree, before, ticks))
+        self._disagreed_ns = int(last[-1]) if ticks[-1] - last[-1] < AGREED_NS else None
+        lasts = ticks - last >= AGREED_NS
+        return usable & lasts, agree & lasts
 
     def _remember(self, ticks: NDArray[np.int64], commanded: NDArray[np.float64]) -> None:
         times, commands = np.concatenate([self._times, ticks]), np.concatenate([self._commands, commanded])
@@ -191,7 +220,7 @@ class InputChecks:
                 self._far_since_ns = tick if self._far_since_ns is None else self._far_since_ns
             elif not self._lasted(tick) or (comparable[i] and self._far.has_changed(apart, speed, 0.0, late)):
                 if comparable[i]:
-                    self.believe()
+                    self._believe_command()
             else:
                 believed[i] = False
         return believed

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +19,7 @@ from rotary_error_monitor.description.machine import (
 )
 from rotary_error_monitor.description.machine_parts import Displacement, ErrorComponent, Harmonic
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.resources import config
 
 REFERENCE = Path(__file__).parents[1] / "reference"
 CASES = Path(__file__).parents[3] / "shared" / "cases"
@@ -195,6 +197,11 @@ def test_names_that_a_machine_has_not() -> None:
         ("[-3.2, 0.0, 3.2]", "[-3.2, 3.2, 0.0]", 17, "do not rise; expected rising positions"),
         ("forward: [0, 1.0e-06, 0]", "forward: [0, 1.0e-06]", 17, "2 values at 3 positions; expected one for each"),
         ("forward: [0, 1.0e-06, 0], ", "", 17, r"{positions, values} or"),
+        ("[-3.2, 0.0, 3.2]", "[-180.0, 0.0, 180.0]", 17, "beyond the travel of axis C, .*; expected positions in m or"),
+        ("travel: [-0.5, 0]", "travel: [-500, 0]", 8, r"\[-500.0, 0.0\] m is no travel; expected at most 100 m"),
+        ("tool: tool", "tool: chuck", 3, "'chuck' is the workpiece as well; expected the body that holds the tool"),
+        ("workpiece: chuck", "workpiece: base", 5, "axis C moves the tool against the workpiece nowhere: .* of Z, X"),
+        ("monitored: C", "monitored: C\n  reference_temperature: 60", 6, "60 °C is outside limits.temperature: exp"),
     ],
 )
 def test_a_wrong_tree_is_refused_with_its_line(
@@ -203,6 +210,32 @@ def test_a_wrong_tree_is_refused_with_its_line(
     assert LATHE.count(old) == 1
     with pytest.raises(InputError, match=rf"machine\.yaml:{line}: .*{message}"):
         load_text(LATHE.replace(old, new))
+
+
+@pytest.mark.parametrize(
+    ("direction", "flat"),
+    [((1.0, 0.0, 0.0), True), ((0.6, 0.0, 0.8), True), ((0.0, 1.0, 0.0), False), ((0.0, 0.6, 0.8), False)],
+)
+@pytest.mark.parametrize("turned", [False, True])
+def test_linear_axes_in_one_plane_are_refused(
+    direction: tuple[float, float, float], flat: bool, turned: bool, load_text: Callable[[str], MachineDescription]
+) -> None:
+    """Also where a body between them is turned, here by a quarter about x, which takes y to z."""
+    content = yaml.safe_load(config("machines/xyzac_trt.yaml").read_text(encoding="utf-8"))
+    x, y, z = direction
+    content["machine"]["axes"]["Y"]["direction"] = [x, z, -y] if turned else [x, y, z]
+    if turned:
+        body = next(row for row in content["machine"]["bodies"] if row.get("axis") == "Y")
+        body["pose"] = {"rotation": [math.pi / 2, 0.0, 0.0]}
+        for row in content["machine"]["bodies"]:
+            if row["parent"] == body["name"]:
+                row["pose"] = {"rotation": [-math.pi / 2, 0.0, 0.0]}
+    text = yaml.safe_dump(content, sort_keys=False)
+    if flat:
+        with pytest.raises(InputError, match="lie in one plane; expected axes that span space"):
+            load_text(text)
+    else:
+        load_text(text)
 
 
 @pytest.mark.parametrize(

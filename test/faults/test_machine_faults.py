@@ -218,10 +218,38 @@ def test_what_no_joint_state_can_be_moves_nothing(name, seed):
         " is not believed until it moves or the controller pauses for 0.5 s; of states 10 ms apart at 5 m/s² that is"
         " one that went at more than 0.06 m/s. A slower one may as well have stopped: positions alone do not tell. The"
         " monitored axis is held against its encoder heads as well, so a driver that freezes while it turns is seen"
-        " within 0.05 rad",
+        " within 0.05 rad. Where positions go on elsewhere after 20 ms to 2 s, at about what the mean of the speeds"
+        " before and after makes of that time, the axis was frozen and not set elsewhere",
         "for 25 ms, or two states, corrections for where it stood; then held. Of a slower axis corrections for where it"
         " stood, without a word, as long as it is frozen: let the driver give velocities, or stop stamping",
+        _RECOVERED
+        + "; of one that stood before and behind as well, or for longer, with a pause of the joint states of "
+        "0.5 s or a reset",
+    ),
+    Row(
+        "joints",
+        "Positions of an axis jump to and fro, every second or third joint state",
+        "`compensation: correction`: the axis made a jump of so much within so long",
+        "after four jumps within 0.5 s a place that the axis can have come back to has to last for 0.5 s",
+        "held from the second jump on, but for two states at most",
         _RECOVERED,
+    ),
+    Row(
+        "joints",
+        "The rotation of the error motion is in another unit, or another axis's",
+        "`compensation: correction`: the axis stands at … by its encoder but at … by the joint states",
+        "once encoder and joint states are further apart than `position_tolerance`, they have to agree for 0.3 s: "
+        "modulo a turn they come near one another again and again",
+        "held",
+        _RECOVERED,
+    ),
+    Row(
+        "joints",
+        "The controller says that corrections are in effect that cannot be: in mm or degrees",
+        "`compensation: correction`: what it says of which axis, and the error limit",
+        "beyond the error limit of an axis it is no begin; `~/reset` accepts it, and it goes back at the rate limit",
+        "held at the start; while corrections go out, a warning",
+        "with what can be in effect, or a reset",
     ),
     Row(
         "joints",

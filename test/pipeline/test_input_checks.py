@@ -86,3 +86,28 @@ def test_it_does_not_matter_how_many_come_at_once():
     first = [min(t for t, believed in run(1e-3, 3.0, 1e-3, block).items() if believed and t > 0.2) for block in (5, 10)]
     assert RESTS_AT < first[0] < RESTS_AT + 1.0
     assert abs(first[0] - first[1]) < 0.011
+
+
+@pytest.mark.parametrize("unit", [180.0 / np.pi, 400.0 / (2 * np.pi), 1.5])
+def test_a_rotation_in_another_unit_is_not_used_where_it_comes_near(unit):
+    """Modulo a turn it is where the joint states are again and again: a tenth of the offsets were of it."""
+    compensator, begin, end = Compensator(MACHINE), 2.0, 5.0
+    for before in (1000 * MS, 0):
+        compensator.push_temperature(20.0, START - before)
+    used = []
+    for ms in range(0, round(END * 1e3), 5):
+        t = ms * 1e-3
+        if ms % 10 == 0:
+            positions = {"X": 0.05, "Y": 0.01, "Z": 0.1, "A": 0.1, "C": float(angle(t))}
+            compensator.accept_joint_state(START + ms * MS, positions, dict.fromkeys(positions, 0.0))
+        times = START + (ms + np.arange(5)) * MS + MS // 2
+        seen = angle((times - START) * 1e-9)
+        motion = replace(ErrorMotion.unknown(5), theta=seen * unit if begin <= t < end else seen, times_ns=times)
+        for place in (0, 1, 3, 4, 5):
+            motion.observable[:, place] = True
+            motion.covariance[:, place, place] = 1e-14
+        found = push_error_motion(compensator, motion)
+        used += [(time - START) * 1e-9 for block in found.offsets for time in block.times_ns.tolist()]
+    used = np.array(used)
+    assert not np.any((used > begin + 0.1) & (used < end))
+    assert np.sum(used > end + 1.0) >= 0.95 * (END - end - 1.0) * 1e3

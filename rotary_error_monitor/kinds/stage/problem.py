@@ -87,6 +87,7 @@ class StageProblem:
         self.recording = recording
         self.effects = effects_in(stage, recording, effects)
         self.twin: StageTwin = twin_of(stage, recording, tuple(known), None if whole is None else whole.inputs)
+        check_noise(self.twin.times, noise_std(stage))
         left = self._left_of_head if whole is None else None
         whole = whole or OfWhole.of(stage, recording, self.twin)
         self._predictions = KeptPredictions(self.twin, KEPT if self.keeps_signatures else 1)
@@ -96,7 +97,6 @@ class StageProblem:
             self.twin, others, Rounding(stage, whole.steps), self._measured, self._white, self._jitter
         )
         raw = self.raw_residual(())
-        check_noise(self.twin.times, noise_std(stage))
         unspiked, weights = self._nuisances.taken_from(raw), row_weights(self.twin, whole.steps, whole.force_noise)
         self.noise = StageNoise(stage, recording, unspiked, weights=weights)
         self.conditions, self.play = whole.conditions, whole.play

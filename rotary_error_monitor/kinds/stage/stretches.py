@@ -19,6 +19,7 @@ from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.effects.rotor import HEAD, StageEffect
 from rotary_error_monitor.gap.departures import Departures
 from rotary_error_monitor.gap.problem import Columns, Conditions, LateRows, Rows, SparseRows, StretchedConditions
+from rotary_error_monitor.kinds.stage.admission import check_noise
 from rotary_error_monitor.kinds.stage.conditions import MOST_BLOCKS
 from rotary_error_monitor.kinds.stage.forces import with_shaft_force
 from rotary_error_monitor.kinds.stage.gross_inputs import without_gross_inputs
@@ -29,6 +30,7 @@ from rotary_error_monitor.kinds.stage.search import StageSearch, effects_in
 from rotary_error_monitor.kinds.stage.stuck import without_stuck
 from rotary_error_monitor.kinds.stage.thermometers import with_useful_inputs
 from rotary_error_monitor.kinds.stage.tracks import Tracks
+from rotary_error_monitor.noise.channels import noise_std
 from rotary_error_monitor.noise.stage_noise import StageNoise
 from rotary_error_monitor.twin.recording import FEWEST_SAMPLES, SignalStream, StageRecording
 from rotary_error_monitor.twin.stage import twin_of
@@ -75,6 +77,7 @@ class LongStageProblem(StageProblem):
         bounds = np.linspace(0.0, recording.duration, max(2, round(recording.duration / STRETCH)) + 1)
         pieces = [cut_recording(recording, a, b) for a, b in itertools.pairwise(bounds)]
         read = [i for i, piece in enumerate(pieces) if (piece.heads if recording.heads else piece.sensors)]
+        check_noise(self.twin.times, noise_std(stage))
         whole = OfWhole.of(stage, recording, self.twin)
         self._stretches: list[_Stretch] = []
         for i in read:

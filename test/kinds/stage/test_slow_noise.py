@@ -36,6 +36,11 @@ def is_named(case, name):
     return diagnosis.verdict is Verdict.EXPLAINED and name in named
 
 
+def well_known(twin):
+    """The twin beside a calibrated thermometer: by class B its zero is off by more than the smallest drifts."""
+    return dataclasses.replace(twin, uncertainty={**twin.uncertainty, "environment.thermometer": 0.01})
+
+
 @pytest.mark.parametrize("form", ["flicker", "wander"])
 def test_slow_noise_is_no_gap(form):
     """Every other stage as on a shop floor. Before it was learnt, 1/f noise was taken for a fault in 7 of 15."""
@@ -52,7 +57,8 @@ def test_a_fault_is_found_beside_slow_noise(form):
 
 @pytest.mark.parametrize("name", ["autocollimator_drift", "thermal_drift", "head_missed_counts"])
 def test_a_slow_fault_is_no_noise(name):
-    right = [is_named(make_stage_case(seed, "single", [name], (20.0, 40.0)), name) for seed in SEEDS]
+    cases = [make_stage_case(seed, "single", [name], (20.0, 40.0)) for seed in SEEDS]
+    right = [is_named(dataclasses.replace(case, twin=well_known(case.twin)), name) for case in cases]
     assert sum(right) >= len(SEEDS) - 1, right
 
 
