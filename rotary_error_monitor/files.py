@@ -227,7 +227,8 @@ def _decoded(content: bytes, path: Path, kind: str, encoding: str) -> str:
     try:
         return content.decode(encoding)
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: cannot be read ({error}); give the path of {kind}") from error
+        where = f"{error}, in line {content.count(10, 0, error.start) + 1}"
+        raise InputError(f"{path}: cannot be read ({where}); give the path of {kind} that is saved as UTF-8") from error
 
 
 def read_unpacked(path: Path, kind: str, most_bytes: int = MOST_BYTES) -> bytes:

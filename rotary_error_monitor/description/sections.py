@@ -98,7 +98,9 @@ def read(section: type[T], found: YamlContent, place: Place = (), what: str = ""
             if not isinstance(content, Mapping):
                 raise WrongError(place[:depth], f"{content!r} is no mapping", f"a mapping with '{step}'", content)
             if step not in content:
-                raise WrongError(place[:depth], f"{step!r} is a required property")
+                there = excerpt(", ".join(map(str, content))) or "nothing"
+                wanted = f"a section '{step}' beside {there}"
+                raise WrongError(place[:depth], f"{step!r} is a required property", wanted)
             content = content[step]
         made: T = _read(section, content, place)
     except WrongError as error:

@@ -87,7 +87,9 @@ def parse_yaml(text: str, origin: str) -> YamlContent:
         told = ", ".join(part for part in (error.context, error.problem) if part)
         raise InputError(f"{origin}{line}: no valid YAML: {excerpt(told)}") from error
     except yaml.YAMLError as error:
-        raise InputError(f"{origin}: no valid YAML: {excerpt(' '.join(str(error).split()))}") from error
+        place = getattr(error, "position", None)  # of a character that no YAML holds
+        line = f":{text.count(chr(10), 0, place) + 1}" if isinstance(place, int) else ""
+        raise InputError(f"{origin}{line}: no valid YAML: {excerpt(' '.join(str(error).split()))}") from error
 
 
 def _check_cost(text: str, origin: str) -> None:
@@ -152,10 +154,10 @@ def _check_number(text: str, where: str) -> None:
     if len(text) > LONGEST_NUMBER:
         raise InputError(f"{where}: a number of {len(text)} characters; expected at most {LONGEST_NUMBER}")
     if _NOT_FINITE.fullmatch(text):
-        raise InputError(f"{where}: {text} is no finite number")
+        raise InputError(f"{where}: {text} is no finite number; write one, or leave the key out")
     if not _DECIMAL.fullmatch(text):
         raise InputError(
             f"{where}: YAML takes {text} for a number that is not decimal; write 1234 or 1.0e-6, or quote it"
         )
     if not math.isfinite(float(text)):
-        raise InputError(f"{where}: {text} is no finite number")
+        raise InputError(f"{where}: {text} is no finite number; write one, or leave the key out")

@@ -76,7 +76,7 @@ def test_what_is_read(text: str, content: Any) -> None:
         ("a: [1, 2\n", "here:2: no valid YAML: "),
         ("a: 1\n\tb: 2", "here:2: no valid YAML: "),
         ("a: 1\n---\nb: 2", "here:2: no valid YAML: expected a single document"),
-        ('a: "\x00"', "here: no valid YAML: "),
+        ('a: "\x00"', "here:1: no valid YAML: "),
         ("{<<: 1}", "here:1: no valid YAML: "),
         ("? " + "k" * 9000 + "\n? " + "k" * 9000, "here:2: key 'k{100} … k{100}' stands twice"),
     ],
