@@ -34,7 +34,7 @@ def estimates(timeline, section, together_ns):
 
 def timeline_of(seed, fault):
     section = random_stage(seed)
-    recording = record(seed, section, 5.0)
+    recording = record(seed, section, 8.0 if fault == "recording_paused" else 5.0)  # of which it takes up to half
     if fault is not None:
         recording = FAULTS[fault](recording, np.random.default_rng(seed)).recording
     heard = [(arrival, stream_of(topic), block) for arrival, topic, block in recording.timeline()]
