@@ -89,19 +89,19 @@ class NoiseLearning:
             noise.with_jitter(*self.estimate_jitter(raw))
 
     def learn_levels(self, causes: Sequence[Cause]) -> bool:
-        """Noise other than the stage states: louder as neighbouring rows show it, which differ by little else.
+        """Noise other than the stage states, by what uncertain parameters leave.
 
-        Quieter it is as all that is left shows it. That holds what is slow in the noise, such as errors of rounding
-        that repeat, and what is wrong with the twin, so no fault is larger beside it than beside what is stated.
+        Louder it is as neighbouring rows show it, which differ by little else; quieter as all that is left shows it.
+        That holds what is slow in the noise, such as errors of rounding that repeat, and what is wrong with the twin,
+        so no fault is larger beside it than beside what is stated.
         """
-        grown = self._learn_noise_by_speed(causes)
         noise = self._problem.noise
-        raw = self._problem.residual(causes)
-        tracks = _by_instrument(self._problem.tracks(raw))
-        found = {name: _as_stated_or_louder(noise.levels[name], own) for name, own in tracks.items()}
-        if min(found.values(), default=np.inf) <= 1.0:
-            for name, own in _by_instrument(self._problem.tracks(self._left(raw, causes))).items():
-                found[name] = found[name] if found[name] > 1.0 else _as_stated_or_quieter(noise.levels[name], own)
+        grown = self._learn_noise_by_speed(self._left(causes))
+        found = {}
+        for name, own in _by_instrument(self._problem.tracks(self._left(causes))).items():
+            found[name] = _as_stated_or_louder(noise.levels[name], own)
+            if found[name] <= 1.0:
+                found[name] = _as_stated_or_quieter(noise.levels[name], own)
         changed = {name: level for name, level in found.items() if abs(level / noise.levels[name] - 1) > SAME_LEVEL}
         if not changed:
             return grown
@@ -116,10 +116,10 @@ class NoiseLearning:
         self._nuisances.forget()
         self._signatures.follow_levels(self._problem.noise, louder)
 
-    def _learn_noise_by_speed(self, causes: Sequence[Cause]) -> bool:
-        """How the noise of each instrument grows with the rotor's speed."""
+    def _learn_noise_by_speed(self, left: Rows) -> bool:
+        """How the noise of each instrument grows with the rotor's speed, by what uncertain parameters leave."""
         noise, ratios = self._problem.noise, {}
-        for name, own in _by_instrument(self._problem.tracks(self._problem.residual(causes))).items():
+        for name, own in _by_instrument(self._problem.tracks(left)).items():
             found, time = noise_by_speed(own, noise), self._problem.times(own[0].channel)
             after = np.ones(len(time)) if found is None else found.at(noise.by_speed.speed(time))
             ratio = after / noise.by_speed.louder(name, time)
@@ -130,9 +130,9 @@ class NoiseLearning:
             self._follow(ratios)
         return bool(ratios)
 
-    def _left(self, raw: Rows, causes: Sequence[Cause]) -> Rows:
+    def _left(self, causes: Sequence[Cause]) -> Rows:
         """What uncertain parameters, of each channel on its own, leave of white rows; of the variance of noise."""
-        uncertain = self._problem.own_nuisance(causes)
+        raw, uncertain = self._problem.residual(causes), self._problem.own_nuisance(causes)
         rest, _ = own_rest(self._problem, raw, uncertain)
         for channel, own in uncertain.acting.items():
             count = int(np.count_nonzero(self._problem.expected(channel)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import probed_stage
 import pytest
 import yaml
 from described_stages import by_stream, stage_of
@@ -119,3 +120,15 @@ def test_what_jumps_while_the_stage_turns_is_no_noise(seed):
     problem = stage_problem(stage_of(described()), replace(recording, streams=streams), EFFECTS)
     problem.learn_noise(())
     assert all(own.level[-1] < 1.2 for _, own in problem.noise.by_speed)
+
+
+@pytest.mark.parametrize("seed", seeds(4, 400))
+def test_a_target_off_centre_makes_a_probe_no_noisier_at_speed(seed, monkeypatch):
+    """It moves the probe by more from sample to sample, the faster it turns: as 2.7 times the noise at 40 rad/s."""
+    monkeypatch.setattr(probed_stage, "SPEEDS", (10.0, 40.0, -40.0, -10.0))
+    streams = probed_stage.recorded(seed)
+    recording = record_stage(probed_stage.blocks_of(streams), "abcd", listed=tuple(probed_stage.STAGE.sensors))
+    problem = stage_problem(probed_stage.STAGE, recording, EFFECTS)
+    problem.learn_noise(())
+    assert all(own.level[-1] < 1.2 for _, own in problem.noise.by_speed)
+    assert all(level < 1.1 for level in problem.noise.levels.values())
