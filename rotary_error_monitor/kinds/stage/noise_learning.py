@@ -26,6 +26,7 @@ from rotary_error_monitor.kinds.stage.search import StageSearch
 from rotary_error_monitor.kinds.stage.signatures import KeptSignatures
 from rotary_error_monitor.kinds.stage.speed_levels import noise_by_speed
 from rotary_error_monitor.noise.jitter import Jitter
+from rotary_error_monitor.noise.noise_by_speed import NoiseBySpeed
 from rotary_error_monitor.sensors.library import instrument_of, is_listed
 from rotary_error_monitor.twin.stage import Signals
 
@@ -89,17 +90,19 @@ class NoiseLearning:
             noise.with_jitter(*self.estimate_jitter(raw))
 
     def learn_levels(self, causes: Sequence[Cause]) -> bool:
-        """Noise other than the stage states, by what uncertain parameters leave.
+        """Noise other than the stage states: louder as neighbouring rows show it, which differ by little else.
 
-        Louder it is as neighbouring rows show it, which differ by little else; quieter as all that is left shows it.
-        That holds what is slow in the noise, such as errors of rounding that repeat, and what is wrong with the twin,
-        so no fault is larger beside it than beside what is stated.
+        That is no more than what uncertain parameters leave shows, and no more than all does: a target off centre moves
+        a probe on a fast stage, and a step bends what is fitted to it. Quieter it is as all that is left shows it. That
+        holds what is slow in the noise, such as errors of rounding that repeat, and what is wrong with the twin, so no
+        fault is larger beside it than beside what is stated.
         """
         noise = self._problem.noise
-        grown = self._learn_noise_by_speed(self._left(causes))
+        grown = self._learn_noise_by_speed(*self._rows(causes))
         found = {}
-        for name, own in _by_instrument(self._problem.tracks(self._left(causes))).items():
-            found[name] = _as_stated_or_louder(noise.levels[name], own)
+        both = (_each_instrument(self._problem.tracks(rows)) for rows in self._rows(causes))
+        for (name, own), (_, whole) in zip(*both, strict=True):
+            found[name] = min(_as_stated_or_louder(noise.levels[name], tracks) for tracks in (own, whole))
             if found[name] <= 1.0:
                 found[name] = _as_stated_or_quieter(noise.levels[name], own)
         changed = {name: level for name, level in found.items() if abs(level / noise.levels[name] - 1) > SAME_LEVEL}
@@ -116,11 +119,13 @@ class NoiseLearning:
         self._nuisances.forget()
         self._signatures.follow_levels(self._problem.noise, louder)
 
-    def _learn_noise_by_speed(self, left: Rows) -> bool:
-        """How the noise of each instrument grows with the rotor's speed, by what uncertain parameters leave."""
+    def _learn_noise_by_speed(self, left: Rows, raw: Rows) -> bool:
+        """How the noise of each instrument grows with the rotor's speed, as far as both show it."""
         noise, ratios = self._problem.noise, {}
-        for name, own in _by_instrument(self._problem.tracks(left)).items():
-            found, time = noise_by_speed(own, noise), self._problem.times(own[0].channel)
+        both = (_each_instrument(self._problem.tracks(rows)) for rows in (left, raw))
+        for (name, own), (_, whole) in zip(*both, strict=True):
+            found = _lesser(noise_by_speed(own, noise), noise_by_speed(whole, noise))
+            time = self._problem.times(own[0].channel)
             after = np.ones(len(time)) if found is None else found.at(noise.by_speed.speed(time))
             ratio = after / noise.by_speed.louder(name, time)
             if np.max(np.abs(ratio - 1)) > SAME_LEVEL:
@@ -130,14 +135,14 @@ class NoiseLearning:
             self._follow(ratios)
         return bool(ratios)
 
-    def _left(self, causes: Sequence[Cause]) -> Rows:
-        """What uncertain parameters, of each channel on its own, leave of white rows; of the variance of noise."""
+    def _rows(self, causes: Sequence[Cause]) -> tuple[Rows, Rows]:
+        """White rows that uncertain parameters, of each channel alone, leave, of the variance of noise; and all."""
         raw, uncertain = self._problem.residual(causes), self._problem.own_nuisance(causes)
         rest, _ = own_rest(self._problem, raw, uncertain)
         for channel, own in uncertain.acting.items():
             count = int(np.count_nonzero(self._problem.expected(channel)))
             rest[channel] *= np.sqrt(count / max(count - len(own), 1))
-        return rest
+        return rest, raw
 
     def learn_jitter(self, causes: Sequence[Cause]) -> bool:
         """Spectrum of the jitter, beside other causes than before: what was learnt beside fewer may have been one."""
@@ -253,6 +258,16 @@ def _apart(jitter: Jitter, other: Jitter, floor: float) -> float:
         (jitter.times(a).density(frequency) + floor) / (other.times(b).density(frequency) + floor) for a, b in pairs
     ]
     return max(float(np.mean(np.abs(np.log(ratio)))) for ratio in both)
+
+
+def _lesser(one: NoiseBySpeed | None, other: NoiseBySpeed | None) -> NoiseBySpeed | None:
+    """Of two that are told of the same noise the one that grows by less; None where one does not grow."""
+    return None if one is None or other is None else min(one, other, key=lambda found: float(found.level[-1]))
+
+
+def _each_instrument(tracks: Iterable[Track]) -> list[tuple[str, list[Track]]]:
+    """Instruments with their tracks, in the order of their channels."""
+    return sorted(_by_instrument(tracks).items())
 
 
 def _by_instrument(tracks: Iterable[Track]) -> dict[str, list[Track]]:
