@@ -371,7 +371,7 @@ class Belief:
         if not self.command.doubt or self._commanded:
             return 0.0
         turned = min(abs(self.command.distance), math.pi)
-        if self._tilt < 0.5 * self._wobble * 2.0 * math.sin(turned / 2.0):
+        if self._tilt < self._wobble * math.sin(turned / 2.0):  # half of what the mirror would show
             return 0.0
         return self._limits.radial * min(turned, 2.0) / OWN
 

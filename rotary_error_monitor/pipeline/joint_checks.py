@@ -19,9 +19,9 @@ from rotary_error_monitor.pipeline.joint_freezes import (
     STALL,
     STAMP_JITTER,
     JointFreezes,
-    JointPositions,
     unit_of,
 )
+from rotary_error_monitor.pipeline.joint_positions import AxisSteps, JointPositions
 from rotary_error_monitor.pipeline.joint_stands import JointStands
 from rotary_error_monitor.pipeline.joint_velocities import CONTRADICTED, UNCONFIRMED, JointVelocities
 from rotary_error_monitor.signals.admission import LARGEST_ANGLE
@@ -78,13 +78,13 @@ class JointChecks:
     def __init__(self, machine: MachineDescription) -> None:
         self._axes = machine.axes
         self._fastest = np.array([axis.fastest for axis in machine.axes])
-        self._per_turn = np.array([1.0 / TURN if axis.kind == "rotary" else 0.0 for axis in machine.axes])
+        self._steps = AxisSteps(machine.axes)
         self._low, self._high = np.transpose([_reach(axis) for axis in machine.axes])
         self._none = np.zeros(len(machine.axes))
         self.refused: Counter[str] = Counter()
         self.velocities = JointVelocities(machine.axes, machine.monitored)
         self._freezes = JointFreezes(machine.axes)
-        self._standing = JointStands(self._fastest)
+        self._standing = JointStands(machine.axes)
         self.reset()
 
     def reset(self) -> None:
@@ -291,10 +291,6 @@ class JointChecks:
         if _are_signs(speeds):
             return self._none
         return np.array([abs(speeds.get(axis.letter, 0.0)) for axis in self._axes]) if speeds else self._none
-
-    def _steps(self, difference: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Steps of the axes; a rotary one may be told modulo a turn."""
-        return np.asarray(difference - TURN * np.rint(difference * self._per_turn))
 
 
 def _are_signs(speeds: Mapping[str, float]) -> bool:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.machine_parts import Axis
-from rotary_error_monitor.units import TURN
+from rotary_error_monitor.pipeline.joint_positions import AxisSteps, JointPositions
 
 FROZEN = "frozen"
 
@@ -36,13 +35,6 @@ LAG = 20e-3
 """Time constant of what filters velocities, s: what is said of an axis that came to stand fades with it."""
 
 
-class JointPositions(NamedTuple):
-    """A joint state: stamp, timestamp (ns), and position of each axis, m or rad."""
-
-    stamp_ns: int
-    row: Array
-
-
 class JointFreezes:
     """Looks at axes that stand.
 
@@ -59,7 +51,7 @@ class JointFreezes:
         self._axes = axes
         self._quickest = np.array([axis.quickest for axis in axes])
         self._least = np.array([LEAST_STEP[axis.kind] for axis in axes])
-        self._per_turn = np.array([1.0 / TURN if axis.kind == "rotary" else 0.0 for axis in axes])
+        self._steps = AxisSteps(axes)
         self._none = np.zeros(len(axes))
         self.reset()
 
@@ -154,10 +146,6 @@ class JointFreezes:
         shown = count * (change.max(axis=0) + self._quickest * (passed / count) ** 2 + self._least)
         late = np.minimum(STAMP_JITTER, shown * passed / np.maximum(moved, self._least))
         return np.asarray(0.5 * self._quickest * (passed + late) ** 2 + self._least + rough)
-
-    def _steps(self, difference: Array) -> Array:
-        """Steps of the axes; a rotary one may be told modulo a turn."""
-        return np.asarray(difference - TURN * np.rint(difference * self._per_turn))
 
 
 def unit_of(axis: Axis) -> str:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.description.machine_parts import Axis
+from rotary_error_monitor.pipeline.joint_positions import AxisSteps
 
 SHORTEST_NS, LONGEST_NS = 20_000_000, 2_000_000_000
 """Times for which an axis stood, ns: in less its course before a jump tells more, and for longer no axis keeps to the
@@ -38,9 +41,9 @@ class JointStands:
     takes it: it did not move, or not as far.
     """
 
-    def __init__(self, fastest: Array) -> None:
-        """Of axes whose `fastest` speeds are these, m/s or rad/s."""
-        self._fastest = fastest
+    def __init__(self, axes: Sequence[Axis]) -> None:
+        self._fastest = np.array([axis.fastest for axis in axes])
+        self._steps = AxisSteps(axes)
         self.reset()
 
     def reset(self) -> None:
@@ -74,8 +77,9 @@ class JointStands:
         if jump is None or stamp_ns - jump.stamp_ns < LOOK_NS:
             return False
         self._jump = None
-        speed = (row - jump.row)[jump.which] / ((stamp_ns - jump.stamp_ns) * 1e-9)
+        speed = self._steps(row - jump.row)[jump.which] / ((stamp_ns - jump.stamp_ns) * 1e-9)
         time = (jump.stamp_ns - jump.since_ns) * 1e-9
         way, expected = jump.row[jump.which] - jump.place, 0.5 * (jump.speed + speed) * time
-        near = np.abs(way - expected) < CLOSE * np.abs(way)
-        return bool((near & (np.abs(way) <= self._fastest[jump.which] * time)).all())
+        off = self._steps(way - expected, jump.which)
+        near = np.abs(off) < CLOSE * np.abs(self._steps(way, jump.which))
+        return bool((near & (np.abs(expected + off) <= self._fastest[jump.which] * time)).all())

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.machine_parts import Axis
-from rotary_error_monitor.units import TURN
+from rotary_error_monitor.pipeline.joint_positions import AxisSteps
 
 CONTRADICTED = "against its velocity"
 UNCONFIRMED = "not held against its velocity yet"
@@ -102,7 +102,7 @@ class JointVelocities:
         self._axes = axes
         self._quickest = np.array([axis.quickest for axis in axes])
         self._slow = SLOW * np.array([axis.fastest for axis in axes])
-        self._per_turn = np.array([1.0 / TURN if axis.kind == "rotary" else 0.0 for axis in axes])
+        self._way = AxisSteps(axes)
         self._vouched = np.array([axis.letter == monitored for axis in axes])
         self.reset()
 
@@ -290,7 +290,3 @@ class JointVelocities:
                 return f"axis {self._axes[int(np.argmax(moving))].letter} moves after a pause, {UNCONFIRMED}"
             self._pausing = False
         return ""
-
-    def _way(self, difference: Array) -> Array:
-        """Ways of the axes; a rotary one may be told modulo a turn."""
-        return np.asarray(difference - TURN * np.rint(difference * self._per_turn))

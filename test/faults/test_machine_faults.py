@@ -231,7 +231,7 @@ def test_what_no_joint_state_can_be_moves_nothing(name, seed):
         "Positions of an axis jump to and fro, every second or third joint state",
         "`compensation: correction`: the axis made a jump of so much within so long",
         "after four jumps within 0.5 s a place that the axis can have come back to has to last for 0.5 s",
-        "held from the second jump on, but for two states at most",
+        "held from the second jump on, but for four states at most",
         _RECOVERED,
     ),
     Row(

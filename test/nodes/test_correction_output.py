@@ -59,11 +59,17 @@ def in_effect(node, machine, **values):
     node.heard["applied_corrections"](message)
 
 
-@pytest.mark.parametrize("said", [5.3e-3, -0.1, 5.3])
-def test_what_cannot_be_in_effect_is_no_begin(said):
-    """In mm: corrections began 5 mm off, where at most half a millimetre may be, and went back at the rate limit."""
+@pytest.fixture
+def begun():
+    """A node before its first correction, what it computes by, and what it publishes by."""
     node, compensator = Node(), Compensator(GRINDER)
-    output = CorrectionOutput(node, compensator, AGE_LIMIT)
+    return node, compensator, CorrectionOutput(node, compensator, AGE_LIMIT)
+
+
+@pytest.mark.parametrize("said", [5.3e-3, -0.1, 5.3])
+def test_what_cannot_be_in_effect_is_no_begin(said, begun):
+    """In mm: corrections began 5 mm off, where at most half a millimetre may be, and went back at the rate limit."""
+    node, compensator, output = begun
     assert "waiting" in output.forbidden(START)
     in_effect(node, GRINDER, Y=said)
     assert f"{said:.4g} of axis Y is beyond the error limit" in output.forbidden(START)
@@ -73,9 +79,8 @@ def test_what_cannot_be_in_effect_is_no_begin(said):
     assert compensator.state.applied[Y] == 5.3e-6
 
 
-def test_a_reset_accepts_what_the_controller_says_is_in_effect():
-    node, compensator = Node(), Compensator(GRINDER)
-    output = CorrectionOutput(node, compensator, AGE_LIMIT)
+def test_a_reset_accepts_what_the_controller_says_is_in_effect(begun):
+    node, compensator, output = begun
     in_effect(node, GRINDER, Y=2e-3)
     assert "~/reset accepts it" in output.forbidden(START)
     output.reset()
@@ -84,10 +89,9 @@ def test_a_reset_accepts_what_the_controller_says_is_in_effect():
     assert compensator.state.applied[Y] == 2e-3
 
 
-def test_what_follows_late_corrections_goes_on_from_what_was_published():
+def test_what_follows_late_corrections_goes_on_from_what_was_published(begun):
     """Joint states of two seconds come at once, as after a cut: the stale part is dropped, the fresh one goes out."""
-    node, compensator = Node(), Compensator(GRINDER)
-    output = CorrectionOutput(node, compensator, AGE_LIMIT)
+    node, compensator, output = begun
 
     def joint_state(step):
         positions = {"X": -1.35 + FEED * step * PERIOD * 1e-9, "Z": -0.4, "Y": 0.1}

@@ -320,13 +320,15 @@ def test_a_state_with_the_stamp_of_one_that_was_refused_is_not_looked_at():
     assert not track.doubt
 
 
+@pytest.mark.parametrize("wrapped", [False, True])
 @pytest.mark.parametrize("velocities", ["left out", "zero"])
 @pytest.mark.parametrize("rate", [20.0, 100.0, 1000.0])
 @pytest.mark.parametrize("seed", range(8))
-def test_axes_that_were_frozen_where_they_are_slow_are_believed_again(seed, rate, velocities):
+def test_axes_that_were_frozen_where_they_are_slow_are_believed_again(seed, rate, velocities, wrapped):
     """They may stand there, so nothing is said; where they are afterwards no axis gets at once: all was refused."""
     draw = np.random.default_rng([seed, int(rate)])
-    some = draw.permutation(len(MACHINE.axes))[: draw.integers(1, 4)]
+    some = draw.permutation(len(MACHINE.axes))[: draw.integers(1, 4)].tolist()
+    some = [*some, 4] if wrapped and 4 not in some else some
     stamps = np.arange(-1.5, 6.0, 1.0 / rate) + draw.uniform(0.0, 1.0 / rate)
     rows = np.zeros((len(stamps), len(MACHINE.axes)))
     long = draw.uniform(0.3, 1.2)
@@ -336,7 +338,10 @@ def test_axes_that_were_frozen_where_they_are_slow_are_believed_again(seed, rate
         pace = draw.uniform(0.5, 1.2)  # rad/s of a swing that turns back where it begins to be frozen
         most = 0.4 * min(np.ptp(described.travel) / 2, described.fastest / pace, described.quickest / pace**2)
         rows[:, axis] = most * np.cos(pace * (stamps - draw.uniform(-0.05, 0.0)))
-        rows[frozen, axis] = rows[stamps <= 0.0, axis][-1]
+    if wrapped:  # a table that is told modulo a turn, and goes over its end while it is frozen
+        half = 0.5 * (rows[stamps <= 0.0, 4][-1] + rows[stamps > long, 4][0])
+        rows[:, 4] = np.mod(rows[:, 4] - half, 2 * np.pi) - np.pi
+    rows[frozen] = rows[stamps <= 0.0][-1]
     checks = JointChecks(MACHINE)
     speeds = SPEEDS if velocities == "zero" else {}
     said = np.array([checks.judge(round(t * 1e9), row, speeds) for t, row in zip(stamps.tolist(), rows, strict=True)])

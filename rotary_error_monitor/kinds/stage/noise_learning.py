@@ -98,9 +98,12 @@ class NoiseLearning:
         fault is larger beside it than beside what is stated.
         """
         noise = self._problem.noise
-        grown = self._learn_noise_by_speed(*self._rows(causes))
+        left, raw = self._rows(causes)
+        grown = self._learn_noise_by_speed(left, raw)
+        if grown:
+            left, raw = self._rows(causes)
         found = {}
-        both = (_each_instrument(self._problem.tracks(rows)) for rows in self._rows(causes))
+        both = (_each_instrument(self._problem.tracks(rows)) for rows in (left, raw))
         for (name, own), (_, whole) in zip(*both, strict=True):
             found[name] = min(_as_stated_or_louder(noise.levels[name], tracks) for tracks in (own, whole))
             if found[name] <= 1.0:
