@@ -30,6 +30,7 @@ class Stage:
         shows: components of error motion that it shows.
         truth: makes the true stage of the described one: something that the description lacks.
         cause: effect and location that a diagnosis finds for that.
+        heads: letters of the heads that stay; all where there are none.
         package: whether its sensors are of the kind of the package in `doc/examples/ball_probe`.
     """
 
@@ -38,6 +39,7 @@ class Stage:
     shows: tuple[str, ...]
     truth: Callable[[Content], None]
     cause: tuple[str, str]
+    heads: str = ""
     package: bool = False
 
     def described(self, folder: Path) -> Path:
@@ -57,6 +59,9 @@ class Stage:
         base = yaml.safe_load(config("stage.yaml").read_text(encoding="utf-8"))
         for name in (*self.without, "lvdt"):
             del base["stage"][name]
+        heads = base["stage"]["encoder"]["heads"]
+        for letter in set(heads).difference(self.heads or heads):
+            del heads[letter]
         return _merged(base, shown(self.title))
 
 
@@ -103,4 +108,5 @@ STAGES = {
     "heads and two probes": Stage("Heads and two probes", AIR, (*PLANE, *TILT, *ANGLE), _tilt, TILT_CAUSE),
     "ball probes": Stage("Three probes at a ball", AIR, COMPONENTS, _axial, ("spindle_axial", "order_2"), package=True),
     "thermometer": Stage("A thermometer", (), (*PLANE, *TILT, *ANGLE), _thermal, ("thermal_drift", "")),
+    "one head": Stage("One head and two probes", (), (*PLANE, *TILT, *ANGLE), _radial, RADIAL_CAUSE, heads="a"),
 }

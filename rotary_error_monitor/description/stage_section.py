@@ -154,7 +154,7 @@ class EncoderSection(Encoder):
 
     azimuths: Mapping[str, float] = field(init=False)
     heads: Annotated[
-        Mapping[Short, Head], Expected("read heads by their letter, from 2 to 51", count=(2, MOST_STREAMS))
+        Mapping[Short, Head], Expected("read heads by their letter, from 1 to 51", count=(1, MOST_STREAMS))
     ]
 
     def __post_init__(self) -> None:

@@ -55,8 +55,8 @@ class HeadLayout:
     azimuths: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        if len(self.azimuths) < 2:
-            raise InputError(f"{len(self.azimuths)} read head; at least 2 tell rotation from radial motion")
+        if not self.azimuths:
+            raise InputError("no read head; at least 1 tells a rotation")
 
     @cached_property
     def sensitivity(self) -> Array:
@@ -66,9 +66,14 @@ class HeadLayout:
 
     @cached_property
     def weights(self) -> Array:
-        """(3, h) least-squares weights of the readings for rotation, x and y; rows of unobservable ones are zero."""
+        """(3, h) least-squares weights of the readings for rotation, x and y; rows of unobservable ones are zero.
+
+        Heads that do not tell the rotation free of displacement tell it with what is `mixed` into it: their mean.
+        """
         inverse = np.linalg.pinv(self.sensitivity, rcond=LEAK)
         inverse[[name not in self.observable for name in COMPONENTS]] = 0.0
+        if not self.tells_rotation:
+            inverse[0] = 1.0 / len(self.azimuths)
         inverse[np.abs(inverse) < 1e-12] = 0.0  # what rounding leaves of an exact zero
         return np.asarray(inverse)
 
@@ -76,11 +81,26 @@ class HeadLayout:
     def view(self) -> tuple[Array, Array]:
         """(2, h) weights for what the heads see of a displacement x, y over the radius, and what that is, (2, 2).
 
-        The latter takes a displacement to what is seen of it: itself, or its part across the line of two opposed heads.
+        The latter takes a displacement to what is seen of it, whatever the rotation is: itself, its part across the
+        line of two opposed heads, that in which two others differ, or nothing where there is one.
         """
-        inverse = np.linalg.pinv(self.sensitivity, rcond=LEAK)
-        seen = (inverse @ self.sensitivity)[1:, 1:]
-        return np.asarray(inverse[1:], float), np.asarray(np.where(np.abs(seen) < 1e-12, 0.0, seen), float)
+        if self.tells_rotation:
+            inverse = np.linalg.pinv(self.sensitivity, rcond=LEAK)
+            seen = (inverse @ self.sensitivity)[1:, 1:]
+            return np.asarray(inverse[1:], float), np.asarray(np.where(np.abs(seen) < 1e-12, 0.0, seen), float)
+        apart = np.eye(len(self.azimuths)) - 1.0 / len(self.azimuths)
+        inverse = np.linalg.pinv(apart @ self.sensitivity[:, 1:], rcond=LEAK) @ apart
+        return np.asarray(inverse, float), np.asarray(inverse @ self.sensitivity[:, 1:], float)
+
+    @property
+    def tells_rotation(self) -> bool:
+        """Whether the rotation comes free of the ring's displacement: of two opposed heads, or of three."""
+        return "theta" in self.observable
+
+    @cached_property
+    def mixed(self) -> Array:
+        """(2,) rotation that comes of a displacement x, y over the radius; zero where the layout tells them apart."""
+        return np.zeros(2) if self.tells_rotation else np.asarray(self.sensitivity[:, 1:].mean(axis=0))
 
     @cached_property
     def projector(self) -> Array:

@@ -265,7 +265,7 @@ class ErrorEstimator(ManagedNode):
         used = [f"head_{letter}" for letter in self.stage.azimuths]
         used = [name for name in used if name not in (*status.absent, *dict(self._estimator.reasons))]
         if len(used) < 2:
-            return "too few heads"
+            return "too few heads" if len(self.stage.azimuths) > 1 else "the head is not there"
         return f"{' and '.join(used)} alone do not tell rotation from displacement; two opposed heads do, or three"
 
     def _sparse(self, rotation: bool) -> list[str]:

@@ -21,9 +21,11 @@ from rotary_error_monitor.pipeline.evidence import (
 )
 from rotary_error_monitor.pipeline.first_turn import OWN
 from rotary_error_monitor.pipeline.head_belief import HeadBelief
+from rotary_error_monitor.pipeline.mixed_rotation import is_mixed
 from rotary_error_monitor.pipeline.ring_belief import ABSENT, RingBelief
 from rotary_error_monitor.pipeline.stream_belief import StreamBelief
 from rotary_error_monitor.pipeline.tilt_belief import TiltBelief
+from rotary_error_monitor.pipeline.turned_part import TurnedPart
 from rotary_error_monitor.pipeline.verdict import InputVerdict, Standing, VerdictAssembly
 from rotary_error_monitor.signals.streams import SampleStream
 
@@ -76,6 +78,7 @@ class Belief:
         self._check_turns = min(check_turns, 1.0)
         encoder, self._commanded = stage.encoder or ABSENT, None if stage.encoder else CommandedRotation(stage)
         self._radius, self._limits = encoder.disc_radius, stage.limits
+        self._mixed = TurnedPart() if is_mixed(stage) else None  # seen while rotation and command belonged together
         self._has_tilt = stage.autocollimator is not None
         self.heads = HeadBelief(heads, encoder, stage.limits, disagreement_limit, stage.timing("encoder"))
         self.tilt = TiltBelief(stage)
@@ -96,6 +99,8 @@ class Belief:
         """Believe everything again until it is contradicted anew."""
         for judge in (self.streams, self.heads, self.tilt, self.ring, self.command):
             judge.reset()
+        if self._mixed is not None:
+            self._mixed.forget()
         self._pending = self._heard = None
         self._zero_open, self._uncommanded = False, 0.0
         self.verdict = self._conclude()
@@ -141,6 +146,8 @@ class Belief:
     @property
     def verified(self) -> float:
         """Part of the turn for the check of the description that has been seen, 0 to 1."""
+        if self._mixed is not None:
+            return self._part(self._mixed.part)
         return self._part(self._commanded.turned if self._commanded else self.ring.figure.covered)
 
     def _part(self, covered: float) -> float:
@@ -229,7 +236,7 @@ class Belief:
         elif self.command.doubt or self._uncommanded > AGREEMENT:
             self._zero_open = False
             self.heads.forget_turn()
-            self.ring.figure.forget()
+            self._forget_ring()
             self.tilt.forget_turn()
 
     def allow_for_rates(self, rates: Mapping[str, float]) -> None:
@@ -287,6 +294,8 @@ class Belief:
             self.ring.judge(window)
             self.tilt.judge(window)
             self.command.judge(window, self.ring.vague / self._radius)
+            if self._mixed is not None and self.command.agrees(window):
+                self._mixed.add(window.mean.theta)
             self._settle_zero(window)
         self._note_doubts(window.number)
         self.verdict = self._conclude()
@@ -319,8 +328,14 @@ class Belief:
         for name, judge in self._judges_of_the_rotation():
             judge.retract(doubt=self._began.get(name, number) >= number - LONG)
         if self.verified < 1.0:
-            self.ring.figure.forget()
+            self._forget_ring()
             self.tilt.forget_turn()
+
+    def _forget_ring(self) -> None:
+        """What was seen of the ring over the turn tells nothing of what comes."""
+        self.ring.figure.forget()
+        if self._mixed is not None:
+            self._mixed.forget()
 
     def _conclude(self) -> InputVerdict:
         heads, tilt, command = self.heads, self.tilt, self.command

@@ -21,6 +21,7 @@ from rotary_error_monitor.pipeline.distance_reach import STEADY, DistanceReach
 from rotary_error_monitor.pipeline.distance_steps import Compared, DistanceStep, DistanceSteps
 from rotary_error_monitor.pipeline.evidence import AGREEMENT, LONG, SHORT, SIGMAS, EvidenceWindow, Reach, Windows
 from rotary_error_monitor.pipeline.far_distance import FarDistance
+from rotary_error_monitor.pipeline.mixed_rotation import limits_of_distance
 from rotary_error_monitor.pipeline.ring_belief import ABSENT
 from rotary_error_monitor.pipeline.speed_slope import SpeedSlope
 from rotary_error_monitor.pipeline.standing_command import StandingCommand
@@ -46,10 +47,10 @@ class CommandBelief:
 
     def __init__(self, stage: StageDescription) -> None:
         """Judge of the command of a stage."""
-        self._limits, self._timing = stage.limits, stage.timing("command")
+        self._limits, self._timing = limits_of_distance(stage), stage.timing("command")
         encoder = stage.encoder or ABSENT
         self._noise = math.hypot(encoder.noise, encoder.resolution)
-        farthest = stage.limits.following_error + stage.limits.latency * stage.limits.speed
+        farthest = self._limits.following_error + self._limits.latency * self._limits.speed
         self._anywhere = Reach(0.0, 0.0, farthest)
         self.reset()
 

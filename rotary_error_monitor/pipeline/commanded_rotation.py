@@ -9,6 +9,7 @@ from rotary_error_monitor.pipeline.command_belief import CommandBelief
 from rotary_error_monitor.pipeline.evidence import AGREEMENT, EvidenceWindow
 from rotary_error_monitor.pipeline.standing_command import STANDS
 from rotary_error_monitor.pipeline.standing_rotor import StandingRotor
+from rotary_error_monitor.pipeline.turned_part import TurnedPart
 
 
 class CommandedRotation(CommandBelief):
@@ -36,7 +37,7 @@ class CommandedRotation(CommandBelief):
         super().reset()
         self._rotor.reset()
         self._speed_before: float | None = None
-        self._least, self._most = math.inf, -math.inf
+        self._seen = TurnedPart()
         self._short = self._stood = 0.0
         self.lag = self._uncertainty(self._limits.speed)
 
@@ -49,14 +50,14 @@ class CommandedRotation(CommandBelief):
     @property
     def turned(self) -> float:
         """Largest part of a turn between two rotations that were commanded; 1 or more where it was a whole one."""
-        return max(0.0, self._most - self._least) / (2.0 * math.pi)
+        return self._seen.part
 
     def judge(self, window: EvidenceWindow, vague: float = 0.0) -> None:
         """Take in a window in which the command tells the rotation, or is missing."""
         last, self._last = self._last, window
         self._hold_against_itself(window, last)
         if window.tells_rotation and not self.doubt:
-            self._least, self._most = min(self._least, window.mean.theta), max(self._most, window.mean.theta)
+            self._seen.add(window.mean.theta)
         speed = abs(self._told.of(window, last))
         before = speed if self._speed_before is None else self._speed_before
         self._speed_before = speed

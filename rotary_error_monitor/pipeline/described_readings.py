@@ -19,6 +19,7 @@ from rotary_error_monitor.description.streams import AUTOCOLLIMATOR, COMMAND
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 from rotary_error_monitor.pipeline.distance_reach import ACCELERATION
 from rotary_error_monitor.pipeline.estimator_settings import LONGEST_GAP_NS
+from rotary_error_monitor.pipeline.mixed_rotation import described_lead, is_mixed
 from rotary_error_monitor.pipeline.stream_limits import described_tilt, described_tilts
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 from rotary_error_monitor.signals.resampling import Resampled, resample, resample_all
@@ -59,7 +60,7 @@ class DescribedReadings:
             period_ns: distance of two ticks, ns.
         """
         self._stage, self._streams, self._layout, self._period_ns = stage, streams, layout, period_ns
-        self._fastest = stage.limits.speed
+        self._fastest, self._mixed = stage.limits.speed, is_mixed(stage)
         heads = tuple(f"head_{name}" for name in stage.azimuths)
         self._sources = heads or (COMMAND,)
         self._bits = {name: bits[name] for name in self._sources}
@@ -183,7 +184,7 @@ class DescribedReadings:
         if names == (COMMAND,):
             return np.ones(1)
         layout = self._layout(names)
-        return layout.weights[0] if layout is not None and "theta" in layout.observable else None
+        return layout.weights[0] if layout is not None and (layout.tells_rotation or self._mixed) else None
 
     def _described(
         self, ticks: NDArray[np.int64], names: tuple[str, ...], weights: Array, max_gap_ns: int
@@ -212,6 +213,10 @@ class DescribedReadings:
             known &= each.valid
             if stream.has_gaps:
                 known &= stream.is_whole(times, self._period_ns, after_patience=False)
+        if self._mixed:  # what the place of the ring adds, as far as it is described
+            azimuths = tuple(self._stage.azimuths[name.removeprefix("head_")] for name in names)
+            alike = np.repeat(theta[:, None], len(names), axis=1)
+            theta -= described_lead(self._stage, azimuths, alike).mean(axis=1)
         return np.where(known, theta, 0.0), known
 
 

@@ -28,6 +28,7 @@ from rotary_error_monitor.pipeline.evidence import INDEX as EVIDENCE
 from rotary_error_monitor.pipeline.evidence import WINDOW_NS, Evidence
 from rotary_error_monitor.pipeline.late_tilt import LateTilt
 from rotary_error_monitor.pipeline.listed_sensors import ListedSensors
+from rotary_error_monitor.pipeline.mixed_rotation import MixedRotation, is_mixed
 from rotary_error_monitor.pipeline.publication import Believed, Decisions, Publication
 from rotary_error_monitor.pipeline.repetition import Repetition
 from rotary_error_monitor.pipeline.stream_limits import is_saturated, stream_limits
@@ -88,6 +89,7 @@ class Estimator:
         self._described = DescribedReadings(stage, self._streams, self._bits, self._ticks.layout, period_ns)
         self._joined_ns = self._settings.max_gap_ns if decisions is None else LONGEST_GAP_NS
         self._publication = Publication(stage, self._bits)
+        self._mixed = MixedRotation(stage, self._bits) if is_mixed(stage) else None
         self._late_tilt = LateTilt(stage, {name: self._bits[name] for name in self._heads})
         self.belief = Belief(
             stage, self._heads, self._bits, self._streams, period_ns, limit, self._settings.check_turns
@@ -334,13 +336,18 @@ class Estimator:
             believed,
             late,
         )
+        rows = None
+        if self._mixed is not None:
+            rows = self._mixed.take_out(motion)
+            publish &= ~believed.has("command")  # whether that or a head is wrong, and the rotation, nothing tells
         known_by = evidence.values[:done]
         seen = (known_by[:, EVIDENCE["heads"]] > 0.0) | (known_by[:, EVIDENCE["commanded"]] > 0.0)
         if self._listed is not None:
             known = {name: each.at(np.arange(done)) for name, each in sampled.items()}
             said = {at: (each.sensor_scale, each.sensor_conflict) for at, each in decided.items() if at < done}
             near = {each: rate_around(self._streams[each].times_ns, ticks[whole]) for each in self._listed.late}
-            motion = self._listed.complete(first, motion, publish & seen, known, rates, said, known_by, near, late)
+            usable = publish & seen
+            motion = self._listed.complete(first, motion, usable, known, rates, said, known_by, near, late, rows)
         if self._repetition is None:
             self.status.unobservable += int((~seen).sum())
         else:

@@ -237,8 +237,11 @@ class SensorBelief:
         return f"stuck: it stays where it is while what is predicted of it goes {self._farthest * 1e6:.3g} {self._unit}"
 
     def _moved(self, window: SensorWindow) -> float:
-        """How far the reading should have moved since it has been the same; 0 where it is not."""
-        if self._still is None or self._still is window:
+        """How far the reading should have moved since it has been the same; 0 where it is not.
+
+        Nor where others show another part of it than then: that it moved is what they see, or what is described.
+        """
+        if self._still is None or self._still is window or self._still.unknown != window.unknown:
             return 0.0
         return abs(window.surplus - self._still.surplus)
 

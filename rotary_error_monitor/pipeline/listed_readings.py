@@ -56,7 +56,7 @@ class ListedTicks:
         unknown: (m, p) largest displacement by components that nothing else shows.
         rate: (m, p) fastest change of that, per s.
         turned: (m, p) displacement by form that one standard deviation of the rotation makes, where the command alone
-            tells it.
+            tells it, or heads that do not tell it apart from displacement.
         tilt: (m, p) of `variance` the noise of the autocollimator, also by the lever of a probe: it comes at its rate.
         late: (m, p) displacement that the sensor's reading goes through in one standard deviation of its own stamps.
         doubts: (m,) bit mask of what was not believed, bits as in `DOUBTS`.
@@ -155,6 +155,7 @@ class ListedReadings:
         rates: Mapping[str, float | Array],
         late_tilt: Array | None = None,
         refused: Array | None = None,
+        turned_by: Array | None = None,
     ) -> ListedTicks:
         """What the sensors show at m ticks.
 
@@ -166,11 +167,13 @@ class ListedReadings:
             rates: samples per s around each tick of each stream whose latency is uncertain.
             late_tilt: (m, 2) variance of the tilt by when the autocollimator read it, rad², where that is uncertain.
             refused: (m, 3) as in `ListedTicks`.
+            turned_by: (m,) standard deviation of the rotation, rad, where heads do not tell it for sure.
         """
         described = described_error_motion(self._spindle, motion.theta)
         expected = np.where(motion.observable, motion.components, described)
         raw, reading, noise = self._read(motion.theta, sampled)
-        turned, late = self._turned(motion.theta, motion.lag), self._late(sampled, rates)
+        turned = self._turned(motion.theta, motion.lag if self._commanded else turned_by)
+        late = self._late(sampled, rates)
         # the form of a target is taken off at the wrong place while the zero of the rotation may be another one
         elsewhere = np.where(motion.doubts & UNVERIFIED, 1.0, 0.0)
         noisy, by_tilt, air, wandering = self._by_others(motion, evidence, late_tilt)
@@ -213,10 +216,10 @@ class ListedReadings:
         by_heads = raised[:, None] * _summed(by_noise[:, :2], squares[:, :2])
         return _summed(by_noise, squares), _summed(by_noise[:, 3:5], squares[:, 3:5]), air, by_heads + late + air
 
-    def _turned(self, theta: Array, lag: Array) -> Array:
+    def _turned(self, theta: Array, lag: Array | None) -> Array:
         """(m, p) displacement by form that one standard deviation of the rotation, `lag` (m,) rad, makes."""
         total = np.zeros((len(theta), len(self.fields)))
-        if self._commanded:
+        if lag is not None:
             for column, field in enumerate(self.fields):
                 nothing = np.zeros((1, len(field.sensor.fields)))
                 there, ahead = (field.kind.displacement(field.sensor, nothing, at) for at in (theta, theta + TURNED))

@@ -14,7 +14,7 @@ from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.streams import AUTOCOLLIMATOR
 from rotary_error_monitor.metrology.agreement import chi_square_bound
-from rotary_error_monitor.metrology.error_motion import ErrorMotion
+from rotary_error_monitor.metrology.error_motion import COMPONENTS, ErrorMotion
 from rotary_error_monitor.metrology.rigid_motion import Seen, combine, disagreement, disagreements, extend
 from rotary_error_monitor.pipeline.evidence import INDEX as EVIDENCE
 from rotary_error_monitor.pipeline.evidence import LONG, SHORT, SIGMAS, WindowGrid
@@ -23,11 +23,14 @@ from rotary_error_monitor.pipeline.joint_limits import JointLimits
 from rotary_error_monitor.pipeline.listed_belief import SensorBelief
 from rotary_error_monitor.pipeline.listed_readings import ListedReadings, ListedTicks
 from rotary_error_monitor.pipeline.listed_windows import sensor_windows
+from rotary_error_monitor.pipeline.mixed_rotation import MixedRows, is_mixed
 from rotary_error_monitor.pipeline.tilt_by_others import TILT, TiltByOthers
 from rotary_error_monitor.pipeline.verdict import DOUBTS
 from rotary_error_monitor.signals.resampling import Resampled
 
 AUTOCOLLIMATOR_DOUBTED = 1 << DOUBTS.index("autocollimator")
+
+ECC = COMPONENTS.index("ecc")
 
 
 class ListedSensors:
@@ -56,7 +59,7 @@ class ListedSensors:
         self._pending: tuple[int, ListedTicks] | None = None
         self._conflicts: deque[float] = deque(maxlen=SHORT)
         self._limits, self._impossible = JointLimits(stage.limits), np.zeros(len(fields), np.bool_)
-        self._alone = stage.encoder is None
+        self._alone = stage.encoder is None or is_mixed(stage)
         self._tilt, self._tilt_bit = TiltByOthers(), bits[AUTOCOLLIMATOR] if stage.autocollimator else 0
         self._tilt_doubted = False
         self._unless: dict[str, str] = {}  # what may be wrong in the place of a sensor, by its stream
@@ -104,6 +107,7 @@ class ListedSensors:
         evidence: Array,
         near: Mapping[str, Array],
         late_tilt: Array | None,
+        heads: MixedRows | None = None,
     ) -> ErrorMotion:
         """Error motion with what the listed sensors show, and what of them was used.
 
@@ -118,11 +122,13 @@ class ListedSensors:
             evidence: (m, e) what the ticks say, columns as in `pipeline.evidence`.
             near: (m,) samples per s around each tick of the sensors that may be `late`.
             late_tilt: (m, 2) variance of the tilt by when the autocollimator read it, rad², where that is uncertain.
+            heads: what heads see that do not tell rotation and displacement apart.
         """
         there = (motion.streams[:, None] & self._bits != 0) & usable[:, None]
         whole = motion
         motion, refused = self._without_refused(motion, evidence)
-        shown = self._readings.make(motion, evidence, there, sampled, near, late_tilt, refused)
+        turned = None if heads is None else heads.turned
+        shown = self._readings.make(motion, evidence, there, sampled, near, late_tilt, refused, turned)
         used, scale, conflict = self._assess(first, shown, rates)
         done = len(used)
         motion, there, shown = motion.at(slice(done)), there[:done], shown.part(slice(done))
@@ -132,11 +138,12 @@ class ListedSensors:
         bits = self._bits[self._first]
         choices = (used[:, self._first] * bits).sum(axis=1)
         variance = shown.noise * scale[:, None] ** 2 + shown.systematic + shown.common
+        begin = None if heads is None else heads.at(slice(done))
         if self._alone:
-            conflict = np.maximum(conflict, self._conflict_of(motion, choices, shown.reading, variance))
+            conflict = np.maximum(conflict, self._conflict_of(motion, choices, shown.reading, variance, begin))
         streams = motion.streams & ~int(bits.sum()) | choices
         used_too = replace(motion, streams=streams, sensor_scale=scale, sensor_conflict=conflict)
-        part = self._joined(used_too, choices, shown.reading, variance * conflict[:, None] ** 2)
+        part = self._joined(used_too, choices, shown.reading, variance * conflict[:, None] ** 2, begin)
         if done == len(whole.theta):
             return part
         # from here on the autocollimator is taken no more, or again
@@ -151,6 +158,7 @@ class ListedSensors:
             evidence[rest],
             {name: each[rest] for name, each in near.items()},
             None if late_tilt is None else late_tilt[rest],
+            None if heads is None else heads.at(rest),
         )
         return ErrorMotion.joined([part, others])
 
@@ -173,23 +181,39 @@ class ListedSensors:
         whole.hide(taken, range(TILT.start, TILT.stop))
         return whole, refused
 
-    def _conflict_of(self, motion: ErrorMotion, choices: NDArray[np.int64], reading: Array, variance: Array) -> Array:
+    def _conflict_of(
+        self,
+        motion: ErrorMotion,
+        choices: NDArray[np.int64],
+        reading: Array,
+        variance: Array,
+        heads: MixedRows | None,
+    ) -> Array:
         """(m,) by which the standard deviations of the chosen sensors are raised for what a tick itself shows.
 
         Where no heads show the radial error motion, a wrong probe is in it until the next window tells.
         """
         found = np.ones(len(choices))
-        for chosen, known, seen in self._seen(motion, choices, reading, variance):
+        for chosen, known, seen in self._seen(motion, choices, reading, variance, heads):
             chi_square, freedom = disagreements(known, seen)
             ratio = chi_square / max(freedom, 1)
             found[chosen] = np.where(ratio > WEAK**2, np.sqrt(ratio), 1.0)
         return found
 
-    def _joined(self, motion: ErrorMotion, choices: NDArray[np.int64], reading: Array, variance: Array) -> ErrorMotion:
+    def _joined(
+        self,
+        motion: ErrorMotion,
+        choices: NDArray[np.int64],
+        reading: Array,
+        variance: Array,
+        heads: MixedRows | None,
+    ) -> ErrorMotion:
         """With what the chosen sensors, bit masks (m,), show."""
         found = motion.components.copy(), motion.observable.copy(), motion.covariance.copy()
-        for chosen, known, seen in self._seen(motion, choices, reading, variance):
+        for chosen, known, seen in self._seen(motion, choices, reading, variance, heads):
             extended = extend(known, seen)
+            if not extended.observable[0, ECC] and motion.observable[chosen[0], ECC]:
+                extended = _with_positioning(extended, motion.at(chosen))
             upper = np.triu(extended.covariance)  # the two halves differ by rounding, and one half is published
             symmetric = upper + np.triu(upper, 1).swapaxes(1, 2)
             for whole, part in zip(found, (extended.components, extended.observable, symmetric), strict=True):
@@ -197,15 +221,25 @@ class ListedSensors:
         return replace(motion, components=found[0], observable=found[1], covariance=found[2])
 
     def _seen(
-        self, motion: ErrorMotion, choices: NDArray[np.int64], reading: Array, variance: Array
+        self,
+        motion: ErrorMotion,
+        choices: NDArray[np.int64],
+        reading: Array,
+        variance: Array,
+        heads: MixedRows | None,
     ) -> Iterator[tuple[NDArray[np.intp], ErrorMotion, Seen]]:
         """Places of ticks that rest on the same sensors, what is known there without these, and what they see."""
         observable = np.packbits(motion.observable, axis=1)[:, 0]
-        for bits, choice in {(b, c) for b, c in zip(observable.tolist(), choices.tolist(), strict=True) if c}:
-            chosen = np.flatnonzero((observable == bits) & (choices == choice))
+        some = np.zeros_like(choices) if heads is None else heads.kinds
+        keys = zip(observable.tolist(), choices.tolist(), some.tolist(), strict=True)
+        for bits, choice, group in {key for key in keys if key[1]}:
+            chosen = np.flatnonzero((observable == bits) & (choices == choice) & (some == group))
             sensors = np.flatnonzero(self._bits & choice)
             at = np.ix_(chosen, sensors)
-            yield chosen, motion.at(chosen), Seen(self.sensitivity[sensors], reading[at], variance[at])
+            known, seen = motion.at(chosen), Seen(self.sensitivity[sensors], reading[at], variance[at])
+            if heads is not None and group:
+                known, seen = heads.at(chosen).joined(known, seen)
+            yield chosen, known, seen
 
     def _assess(
         self, first: int, shown: ListedTicks, rates: Mapping[str, float]
@@ -348,3 +382,10 @@ class ListedSensors:
             judge, stream = self._judges[place], self._streams[place]
             if not judge.doubt or judge.since >= number - LONG or self._unless.pop(stream, ""):
                 judge.retract()
+
+
+def _with_positioning(motion: ErrorMotion, before: ErrorMotion) -> ErrorMotion:
+    """An error motion, at times that see the same, with the positioning as it was before: nothing was added to it."""
+    motion.components[:, ECC], motion.observable[:, ECC] = before.components[:, ECC], True
+    motion.covariance[:, ECC, ECC] = before.covariance[:, ECC, ECC]
+    return motion

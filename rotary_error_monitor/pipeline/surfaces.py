@@ -14,7 +14,8 @@ from rotary_error_monitor.description.streams import AUTOCOLLIMATOR
 from rotary_error_monitor.metrology.encoder_heads import Waves
 from rotary_error_monitor.metrology.form_orders import OrderView, view_order
 from rotary_error_monitor.metrology.rigid_motion import LEAST_VARIANCE
-from rotary_error_monitor.pipeline.observability import possible_components, rotation_and_centre, unchecked_sensors
+from rotary_error_monitor.pipeline.mixed_rotation import head_row, is_mixed
+from rotary_error_monitor.pipeline.observability import possible_components, unchecked_sensors
 from rotary_error_monitor.pipeline.ticks import HIGHEST_ORDER
 from rotary_error_monitor.sensors.library import ListedField, listed_fields, sensor_kinds
 from rotary_error_monitor.sensors.listed import MIRROR
@@ -84,8 +85,13 @@ def surfaces_text(stage: StageDescription) -> Iterator[str]:
     """What the sensors of a stage tell, and which form errors they take for error motion, a line for each thing."""
     possible = ", ".join(possible_components(stage))
     yield f"The sensors of the stage determine {possible or 'no component of error motion'}."
-    if stage.encoder is not None and "theta" not in rotation_and_centre(stage):
-        yield "Its heads do not tell the rotation, at which all else is taken: two must be opposed, or there be three."
+    if is_mixed(stage):
+        radial, radius = stage.limits.radial, stage.ring.disc_radius
+        yield (
+            "Its heads see rotation and displacement of the ring as one number: where no listed sensor shows the "
+            f"displacement, limits.radial of {radial * 1e6:.3g} µm is {radial / radius * 1e6:.3g} µrad in ecc. Two "
+            "opposed heads, or three, tell them apart."
+        )
     if unchecked := unchecked_sensors(stage):
         yield f"A fault of one of these would not show in what all others say: {', '.join(unchecked)}."
     yield f"Form errors that turn with the rotor, orders 1 to {HIGHEST_ORDER}:"
@@ -115,7 +121,7 @@ def _own_fields(stage: StageDescription) -> Iterator[_Field]:
     kinds = sensor_kinds()
     for letter, azimuth in sorted(stage.azimuths.items()):
         radius, stream = stage.ring.disc_radius, f"head_{letter}"
-        row = np.array([-np.sin(azimuth) / radius, np.cos(azimuth) / radius, 0.0, 0.0, 0.0, 1.0])
+        row = head_row(azimuth, radius)
         noise = kinds["head"].noise(stage, stream)
         yield _Field(stream, row, _deviation(noise), RING, azimuth)
     if stage.autocollimator is not None:

@@ -25,6 +25,7 @@ from rotary_error_monitor.metrology.harmonics import planar_sum
 from rotary_error_monitor.metrology.periodic_curves import curve
 from rotary_error_monitor.pipeline import evidence
 from rotary_error_monitor.pipeline.kernel import CommandParts, RingParts, TiltParts, chosen_kernel
+from rotary_error_monitor.pipeline.mixed_rotation import described_lead, is_mixed
 from rotary_error_monitor.pipeline.standing_rotor import RotorReadings
 from rotary_error_monitor.signals.resampling import Resampled
 
@@ -89,6 +90,7 @@ class TickMaker:
         self._heads = dict(heads)
         self._period = period
         self._readings = None if self._heads else RotorReadings(stage)
+        self._mixed = is_mixed(stage)
         self._layouts: dict[tuple[float, ...], HeadLayout] = {}
         self._unseen_orders: dict[HeadLayout, tuple[int, ...]] = {}
         for table in (stage.encoder and stage.encoder.graduation_table, stage.mirror.flatness_table):
@@ -101,9 +103,9 @@ class TickMaker:
         return self._readings.count if self._readings else 0
 
     def layout(self, heads: tuple[str, ...]) -> HeadLayout | None:
-        """Layout of some heads; None for fewer than two."""
+        """Layout of some heads; None for none."""
         azimuths = tuple(self._heads[name] for name in heads)
-        if len(azimuths) < 2:
+        if not azimuths:
             return None
         if azimuths not in self._layouts:
             self._layouts[azimuths] = HeadLayout(azimuths)
@@ -184,6 +186,8 @@ class TickMaker:
                 both = np.concatenate([*bends, sampled[COMMAND].bend], axis=1)
                 command = CommandParts(sampled[COMMAND].values[:, 0], both)
             self._put(motion, seen, seen_ring, tilt, command)
+            if self._mixed:
+                _put_part(motion, layout, seen_ring)
         whole = ring if everyone == heads else self._ring(everyone, sampled, rates)[1]
         if whole is not None:
             seen[:, evidence.INDEX["agreement"]] = whole.disagreement**2
@@ -194,13 +198,18 @@ class TickMaker:
     def _ring(
         self, heads: tuple[str, ...], sampled: Mapping[str, Resampled], rates: Mapping[str, float]
     ) -> tuple[HeadLayout | None, RingPose | None]:
-        """Layout and pose by some heads; none where these do not tell the rotation."""
+        """Layout and pose by some heads; none where these do not tell the rotation.
+
+        Where not even all heads of the stage tell it free of displacement, they tell it as far as that is described.
+        """
         layout = self.layout(heads)
-        if layout is None or "theta" not in layout.observable:
+        if layout is None or not (layout.tells_rotation or self._mixed):
             return None, None
         encoder = self._stage.ring
         readings = np.concatenate([sampled[name].values for name in heads], axis=1)
         readings = remove_graduation(readings, np.array(layout.azimuths), encoder)
+        if self._mixed:
+            readings = readings - described_lead(self._stage, layout.azimuths, readings)
         gain = np.concatenate([sampled[name].gain[:, None] for name in heads], axis=1)
         travel, bend = (
             np.concatenate([getattr(sampled[name], each) for name in heads], axis=1) for each in ("travel", "bend")
@@ -222,6 +231,8 @@ class TickMaker:
         # what of the displacement is predicted, as far as these heads see it
         described = planar_sum(stage.spindle.radial, ring.theta) @ layout.view[1]
         predicted = (ring.centre - radial) @ layout.view[1] + described
+        if self._mixed:  # it is off the readings
+            predicted = np.zeros_like(predicted)
         return RingParts(
             ring.theta,
             ring.centre,
@@ -267,7 +278,8 @@ class TickMaker:
         """The larger variance of what heads see along x and y that do not see all, m²."""
         # theta is seen free of the displacement: its variance is that of the readings over the number of heads
         reading = ring.covariance[:, 0, 0] / (layout.weights[0] ** 2).sum()
-        return np.asarray(reading * self._stage.ring.disc_radius**2 * (layout.view[0] ** 2).sum(axis=1).max())
+        largest = (layout.view[0] ** 2).sum(axis=1).max() or 1.0  # of one head, which sees none, that of its reading
+        return np.asarray(reading * self._stage.ring.disc_radius**2 * largest)
 
     def _tilt_parts(
         self, theta: NDArray[np.float64], sampled: Resampled, described: Resampled | None, rate: float
@@ -305,6 +317,14 @@ def _put_ring(motion: ErrorMotion, seen: NDArray[np.float64], ring: RingParts) -
     seen[:, index["radial_variance"]] = np.maximum(*both) if ring.variance is None else ring.variance
     seen[:, index["head_samples"]] = ring.samples
     seen[:, index["head_bend"]] = ring.bend
+
+
+def _put_part(motion: ErrorMotion, layout: HeadLayout, ring: RingParts) -> None:
+    """Put what heads see of the displacement, where that is not all of it, until they are told apart."""
+    if ring.variance is None or not layout.view[1].any():
+        return
+    motion.components[:, :2], motion.observable[:, :2] = ring.seen - ring.predicted + ring.described, True
+    motion.covariance[:, 0, 0] = motion.covariance[:, 1, 1] = ring.variance
 
 
 def _put_tilt(motion: ErrorMotion, seen: NDArray[np.float64], parts: TiltParts) -> None:

@@ -77,7 +77,7 @@ class VerdictAssembly:
     def __init__(self, radius: float, mirror: Mirror | None) -> None:
         """Of a ring with a radius, m; without heads what is taken off of the `mirror` is as wrong as the rotation."""
         self._radius = radius
-        self._figure_slope = 0.0 if mirror is None else _slope_of(mirror)
+        self._figure_slope = 0.0 if mirror is None else slope_of(mirror)
 
     def verdict(
         self,
@@ -114,8 +114,8 @@ def names_of(doubts: int) -> Sequence[str]:
     return [name for bit, name in enumerate(DOUBTS) if doubts >> bit & 1]
 
 
-def _slope_of(mirror: Mirror) -> float:
-    """Largest change of what the mirror shows of itself per rotation, rad/rad."""
+def slope_of(mirror: Mirror) -> float:
+    """Largest change of what a mirror shows of itself per rotation, rad/rad."""
     flatness = sum(row.order * math.hypot(*row.x, *row.y) for row in mirror.flatness)
     measured = 0.0 if mirror.flatness_table is None else steepest(mirror.flatness_table)
     return math.hypot(*mirror.tilt) + flatness + measured

@@ -55,9 +55,20 @@ def test_two_heads_at_a_right_angle_tell_nothing_apart():
     assert HeadLayout((0.0, np.pi / 2)).observable == ()
 
 
-def test_one_head_is_refused():
-    with pytest.raises(InputError, match="1 read head; at least 2"):
-        HeadLayout((0.0,))
+def test_no_head_is_refused():
+    with pytest.raises(InputError, match="no read head; at least 1"):
+        HeadLayout(())
+
+
+def test_one_head_tells_rotation_and_displacement_as_one_number():
+    layout = HeadLayout((0.4,))
+    assert (layout.observable, layout.redundancy, layout.tells_rotation) == ((), 0, False)
+    theta, x, y = np.array([0.7]), np.array([4e-6]), np.array([-7e-6])
+    pose = estimate_ring_pose(layout, RADIUS, readings(theta, x, y, (0.4,)), np.full((1, 1), 1e-12))
+    mixed = layout.mixed @ np.array([4e-6, -7e-6]) / RADIUS
+    np.testing.assert_allclose(pose.theta, theta + mixed, atol=1e-12)
+    assert not pose.centre.any() and not pose.seen.any()
+    np.testing.assert_allclose(pose.covariance[0], np.diag([1e-12, 0.0, 0.0]))
 
 
 def test_graduation_orders_that_four_heads_cannot_see():

@@ -228,7 +228,11 @@ class NoiseLearning:
         return _seen(found)
 
     def _instruments(self) -> tuple[str, ...]:
-        channels = (channel for channel in self._problem.channels if channel != COMMAND)
+        heads = self._problem.noise.grid.heads
+        none = (
+            (COMMAND, *heads) if len(heads) == 1 else (COMMAND,)
+        )  # one head shows all that it does against the command
+        channels = (channel for channel in self._problem.channels if channel not in none)
         return tuple(dict.fromkeys(instrument_of(channel) for channel in channels))
 
     def _instrument(self, name: str) -> InstrumentSums:

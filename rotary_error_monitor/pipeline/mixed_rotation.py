@@ -1,0 +1,175 @@
+"""Heads that see rotation and displacement of the ring as one number: one head alone, or two that are not opposed.
+
+Such heads tell the rotation as far as the ring is where the description has it; the error motion that the stage can
+make is in it. What they see for sure is a row each of the least squares in which listed sensors are joined: their mean
+one of positioning and displacement together, their difference one of displacement alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor.arrays import Array, Mask
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.stage_limits import StageLimits
+from rotary_error_monitor.metrology.encoder_heads import HeadLayout
+from rotary_error_monitor.metrology.error_motion import COMPONENTS, ErrorMotion, rotate
+from rotary_error_monitor.metrology.harmonics import planar_sum
+from rotary_error_monitor.metrology.rigid_motion import Seen
+from rotary_error_monitor.pipeline.distance_reach import STEADY
+from rotary_error_monitor.pipeline.publication import AssemblyVariance
+from rotary_error_monitor.pipeline.verdict import slope_of
+
+ROWS = 2
+"""Rows of the least squares: mean and difference."""
+
+_ECC = COMPONENTS.index("ecc")
+
+
+@dataclass(frozen=True)
+class MixedRows:
+    """What heads see for sure at m ticks, for the least squares.
+
+    Attributes:
+        sensitivity: (m, 2, 6) of mean and difference to the components.
+        displacement: (m, 2) what they see, rad and m.
+        variance: (m, 2) of that, rad² and m².
+        there: (m, 2) whether they see it.
+        turned: (m,) standard deviation of the rotation by what of the displacement is in it, rad.
+    """
+
+    sensitivity: Array
+    displacement: Array
+    variance: Array
+    there: Mask
+    turned: Array
+
+    def at(self, chosen: NDArray[np.intp] | slice) -> MixedRows:
+        """The same at some of the ticks."""
+        return MixedRows(*(each[chosen] for each in vars(self).values()))
+
+    @property
+    def kinds(self) -> NDArray[np.int64]:
+        """(m,) alike at ticks whose rows see the same; 0 where there is none."""
+        _, alike = np.unique(self.sensitivity.reshape(len(self.turned), -1), axis=0, return_inverse=True)
+        return np.where(self.there.any(axis=1), 1 + 4 * alike.reshape(-1) + self.there @ np.array([1, 2]), 0)
+
+    def joined(self, known: ErrorMotion, seen: Seen) -> tuple[ErrorMotion, Seen]:
+        """What is known without them at ticks of one kind, and what they and other sensors see there."""
+        rows = self.there[0]
+        known = replace(
+            known,
+            components=known.components.copy(),
+            observable=known.observable.copy(),
+            covariance=known.covariance.copy(),
+        )
+        if rows[0]:
+            known.hide(np.ones(len(self.turned), np.bool_), (_ECC,))
+        return known, Seen(
+            np.concatenate([seen.sensitivity, self.sensitivity[0, rows]]),
+            np.concatenate([seen.displacement, self.displacement[:, rows]], axis=1),
+            np.concatenate([seen.variance, self.variance[:, rows]], axis=1),
+        )
+
+
+def is_mixed(stage: StageDescription) -> bool:
+    """Whether not even all heads of a stage together tell rotation and displacement of the ring apart."""
+    return bool(stage.azimuths) and not HeadLayout(tuple(stage.azimuths.values())).tells_rotation
+
+
+def limits_of_distance(stage: StageDescription) -> StageLimits:
+    """Limits of a stage, between what heads tell of the rotation and its command.
+
+    What heads show of the ring's displacement that they do not tell from rotation is in their distance: one that is
+    alone shows all.
+    """
+    limits = stage.limits
+    if not is_mixed(stage):
+        return limits
+    return replace(limits, following_error=limits.following_error + limits.radial / stage.ring.disc_radius)
+
+
+def head_row(azimuth: float, radius: float) -> Array:
+    """(6,) what a head at an azimuth, rad, sees of the components, by a ring with a radius, m.
+
+    Lou et al. 2019, Equations 1-2.
+    """
+    return np.array([-np.sin(azimuth) / radius, np.cos(azimuth) / radius, 0.0, 0.0, 0.0, 1.0])
+
+
+def described_lead(stage: StageDescription, azimuths: tuple[float, ...], readings: Array) -> Array:
+    """(m, h) what eccentricity and described error motion of the ring add to readings (m, h), rad."""
+    layout, ring = HeadLayout(azimuths).sensitivity[:, 1:], stage.ring
+    lead = np.zeros_like(readings)
+    for _ in range(2):  # the angle at which they are taken is off by them at first
+        theta = readings[:, 0] - lead[:, 0]
+        centre = rotate(ring.eccentricity, theta) + planar_sum(stage.spindle.radial, theta)
+        lead = np.arctan(centre / ring.disc_radius) @ layout.T
+    return lead
+
+
+class MixedRotation:
+    """Takes out of an error motion what such heads do not tell apart."""
+
+    def __init__(self, stage: StageDescription, bits: Mapping[str, int]) -> None:
+        """Heads of `stage`, with the `bits` of its streams."""
+        self._spindle, self._radius = stage.spindle, stage.ring.disc_radius
+        self._azimuths = {bits[f"head_{letter}"]: azimuth for letter, azimuth in stage.azimuths.items()}
+        self._mask = sum(self._azimuths)
+        # where the ring can be is taken as a rectangle, as an unknown within bounds is (JCGM 100:2008, 4.3.7)
+        self._displaced = stage.limits.radial**2 / 3.0
+        # so is a fault of a head that its command does not tell: no other head would contradict it (Baarda 1968)
+        self._untold = (STEADY * limits_of_distance(stage).following_error) ** 2 / 3.0
+        assembly = AssemblyVariance.of(stage)
+        self._eccentricity, self._graduation = assembly.eccentricity, assembly.graduation / self._radius**2
+        self._slope = slope_of(stage.mirror)
+
+    def take_out(self, motion: ErrorMotion) -> MixedRows:
+        """Rows of the heads in an error motion of m ticks, of which only what is sure of each component stays.
+
+        Its displacement is what the heads see of it, and is not observable behind this. Its first arrays are changed in
+        place: positioning and tilt are as uncertain as the place of the ring makes them.
+        """
+        count, heads = len(motion.theta), motion.streams & self._mask
+        rows = MixedRows(
+            np.zeros((count, ROWS, len(COMPONENTS))),
+            np.zeros((count, ROWS)),
+            np.ones((count, ROWS)),
+            np.zeros((count, ROWS), np.bool_),
+            np.zeros(count),
+        )
+        for mask in np.unique(heads[heads != 0]).tolist():
+            layout = HeadLayout(tuple(azimuth for bit, azimuth in self._azimuths.items() if mask & bit))
+            self._fill(rows, np.flatnonzero(heads == mask), motion, layout)
+        motion.hide(np.ones(count, np.bool_), (0, 1))
+        turned = rows.turned**2
+        motion.covariance[:, _ECC, _ECC] += np.where(motion.observable[:, _ECC], turned, 0.0)
+        for place in (3, 4):
+            motion.covariance[:, place, place] += np.where(motion.observable[:, place], self._slope**2 * turned, 0.0)
+        return rows
+
+    def _fill(self, rows: MixedRows, at: NDArray[np.intp], motion: ErrorMotion, layout: HeadLayout) -> None:
+        """Put what heads of a layout see at some ticks, and how uncertain their positioning is without the place."""
+        mixed = layout.mixed / self._radius
+        rows.sensitivity[at, 0, :2], rows.sensitivity[at, 0, _ECC] = mixed, 1.0
+        described = planar_sum(self._spindle.radial, motion.theta[at])
+        rows.displacement[at, 0] = motion.components[at, _ECC] + described @ mixed
+        square = float(mixed @ mixed)
+        motion.covariance[at, _ECC, _ECC] += np.where(
+            motion.observable[at, _ECC], self._eccentricity * square + self._graduation + self._untold, 0.0
+        )
+        rows.variance[at, 0] = motion.covariance[at, _ECC, _ECC]
+        rows.there[at, 0] = motion.observable[at, _ECC]
+        rows.turned[at] = np.sqrt(self._displaced * square)
+        sizes, directions = np.linalg.eigh(layout.view[1])
+        if sizes[-1] < 0.5:  # of one head nothing is free of the rotation
+            return
+        across = directions[:, -1]
+        rows.sensitivity[at, 1, :2] = across
+        rows.displacement[at, 1] = motion.components[at, :2] @ across
+        rows.variance[at, 1] = motion.covariance[at, 0, 0]
+        rows.there[at, 1] = motion.observable[at, 0]
