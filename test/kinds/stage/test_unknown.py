@@ -61,15 +61,17 @@ LACKING = (
 
 
 def test_an_effect_that_is_not_in_the_library_is_unknown(stage_problem):
+    """Where the stage turns both ways at both speeds, from 20 s on: with one reversal a late head is a step at it."""
     verdicts = {}
-    for name in LACKING:
-        without = tuple(e for e in EFFECTS if e.name != name)
-        problem, _ = stage_problem(4, "single", [name], stage_effects=without)
-        diagnosis = diagnose(problem)
-        verdicts[name] = diagnosis.verdict.value, [found.cause.key for found in diagnosis.causes]
-    unknown = [name for name, (verdict, _) in verdicts.items() if verdict == "unknown"]
-    assert len(unknown) >= len(LACKING) - 1, verdicts
-    assert "explained" not in {verdict for verdict, _ in verdicts.values()}, verdicts
+    for seed in (4, 5, 6):
+        for name in LACKING:
+            without = tuple(e for e in EFFECTS if e.name != name)
+            problem, _ = stage_problem(seed, "single", [name], duration=40.0, stage_effects=without)
+            diagnosis = diagnose(problem)
+            verdicts[name, seed] = diagnosis.verdict, [found.cause.key for found in diagnosis.causes]
+    unknown = [key for key, (verdict, _) in verdicts.items() if verdict is Verdict.UNKNOWN]
+    assert len(unknown) >= 0.9 * len(verdicts), verdicts
+    assert Verdict.EXPLAINED not in {verdict for verdict, _ in verdicts.values()}, verdicts
 
 
 SUMS_OF_OTHERS = ("disc_scale", "autocollimator_gain", "autocollimator_roll")
