@@ -112,7 +112,7 @@ DRAWN := $(addprefix test/,analysis/test_trend.py analysis/test_whole_recording.
 	own_motion.py sampled_heads.py scattered_samples.py spiking_heads.py stuck_axis.py two_faults.py) $(addprefix kinds/mount/test_,periods.py problem.py slow_noise.py) \
 	$(addprefix kinds/machine/test_,departures.py warming.py) $(addprefix kinds/quadrature/test_,noise.py problem.py) \
 	noise/test_listed_noise.py \
-	$(addprefix kinds/stage/test_,added_forms.py arc.py braked.py diagnosis.py forces.py gain_over_time.py jumping_thermometers.py late_thermometers.py no_gap.py noise_by_speed.py \
+	$(addprefix kinds/stage/test_,added_forms.py arc.py braked.py diagnosis.py forces.py gain_over_time.py jumping_thermometers.py late_thermometers.py no_gap.py noise_by_speed.py one_head.py \
 	rounding_thermometers.py sold_load_cells.py) \
 	nodes/test_stage_files.py $(addprefix pipeline/test_,common_turns.py estimation.py joint_checks.py joint_velocities.py) recordings/test_measured_curves.py)
 SAMPLES := $(addprefix test/,bags faults metrology pipeline recordings signals)
