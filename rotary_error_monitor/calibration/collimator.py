@@ -318,7 +318,7 @@ def _write(result: CollimatorResult, source: Path, stage_file: Path, output: Pat
     digest, remark = hash_source(source), "; ".join(result.misfits) or None
     uncertainty = float(result.expanded.max()) / COVERAGE
     document.note(PART, Calibrated(day.isoformat(), source.name, digest, uncertainty, figures, remark))
-    document.save(output, load_stage)
+    document.save(output, load_stage, source)
 
 
 def _figures(result: CollimatorResult) -> dict[str, float]:

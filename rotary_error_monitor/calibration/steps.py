@@ -102,7 +102,7 @@ class Job:
         for name, (uncertainty, figures) in parts.items():
             provenance = Calibrated(self.day.isoformat(), self.source.name, known, uncertainty, figures, remark)
             self.file.note([name], provenance)
-        self.file.save(self.output)
+        self.file.save(self.output, self.source)
         return True
 
 

@@ -287,3 +287,15 @@ def test_squareness_needs_two_linear_axes(tmp_path: Path) -> None:
     source.write_text("\n".join([HEADER, *rows[:2]]), encoding="utf-8")
     with pytest.raises(InputError, match=r"tracker.csv: feature X: 2 points"):
         run(source, "--machine", machine)
+
+
+def test_what_no_machine_file_may_say_is_told_of_the_measurements(tmp_path: Path) -> None:
+    """The file that is not written has no line to look at, though its draft would have."""
+    file, out = MachineFile(shipped(tmp_path, "xyzac_trt")), tmp_path / "out.yaml"
+    file.set_location("C", np.array([0.0, 0.02, 0.0]), np.zeros(3))
+    with pytest.raises(InputError) as caught:
+        file.save(out, Path("inch.csv"))
+    told = str(caught.value)
+    assert told.startswith(f"inch.csv: what was found cannot stand in {out}: machine.bodies.")
+    assert "0.02 is greater than the maximum" in told and told.endswith("a length in m of at most 10 mm")
+    assert list(tmp_path.glob("*out*")) == []
