@@ -115,7 +115,7 @@ def _poses_of_table(path: Path, machine: MachineDescription, noise: float, layou
     poses = _poses_of(table, machine, path)
     deviations = np.stack([table.numbers[column.name] for column in rest[1:]], axis=1)
     temperature, remarks = _temperatures(poses.temperature, machine)
-    return ProbedPoses(poses.positions, poses.direction, temperature, deviations, noise, remarks)
+    return ProbedPoses(poses.positions, poses.direction, temperature, deviations, noise, remarks, table.lines)
 
 
 def _directions_of(table: Table, columns: Sequence[Column]) -> Array:

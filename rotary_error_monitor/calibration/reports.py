@@ -13,7 +13,8 @@ from rotary_error_monitor.calibration.axis_lines import SquarenessResult
 from rotary_error_monitor.calibration.axis_location import ZERO
 from rotary_error_monitor.calibration.axis_table import AxisRelation
 from rotary_error_monitor.calibration.controller_tables import CompensationChange
-from rotary_error_monitor.calibration.steps import MachineResult, PositioningResult
+from rotary_error_monitor.calibration.machine_step import MachineResult
+from rotary_error_monitor.calibration.steps import PositioningResult
 from rotary_error_monitor.calibration.volume import ErrorCost, UncertainOffsets
 from rotary_error_monitor.machine.location_names import SPINDLE
 from rotary_error_monitor.metrology.repeated_runs import FALSE_ALARM

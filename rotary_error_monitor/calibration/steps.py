@@ -11,19 +11,16 @@ from pathlib import Path
 import numpy as np
 
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.calibration.identification import Identification, check_held_out, identify_machine
 from rotary_error_monitor.calibration.machine_file import MachineFile
-from rotary_error_monitor.calibration.machine_poses import read_positioning_poses, read_probed_poses
+from rotary_error_monitor.calibration.machine_poses import read_positioning_poses
 from rotary_error_monitor.calibration.measurements import read_positioning
-from rotary_error_monitor.calibration.parameters import Orders, list_parameters
-from rotary_error_monitor.calibration.verdict import CalibrationVerdict, judge_calibration
-from rotary_error_monitor.calibration.volume import Limits
+from rotary_error_monitor.calibration.quietness import quiet_angle, quiet_length
 from rotary_error_monitor.calibration.yaml_document import hash_source
 from rotary_error_monitor.description.column_layout import ColumnLayout
-from rotary_error_monitor.description.machine import DIRECTIONS, VOLUMETRIC, MachineDescription
+from rotary_error_monitor.description.machine import DIRECTIONS, MachineDescription
 from rotary_error_monitor.description.machine_parts import Axis
 from rotary_error_monitor.description.provenance import Calibrated
-from rotary_error_monitor.errors import InputError, told_of
+from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.components import arrange_components
 from rotary_error_monitor.metrology.positioning import (
     Outlier,
@@ -37,12 +34,6 @@ from rotary_error_monitor.metrology.positioning import (
 from rotary_error_monitor.metrology.positioning_bounds import PositioningBounds, bound_positioning
 from rotary_error_monitor.metrology.repeated_runs import FALSE_ALARM
 from rotary_error_monitor.units import ARCSEC, TURN
-
-FINEST_LENGTH = 1e-9
-"""Standard deviation, m, below which no interferometer in air repeats: its resolution, and 1e-9 of a metre of air."""
-
-FINEST_ANGLE = 1e-3 / ARCSEC
-"""The same of a rotary axis, rad: a fifth of the resolution of the finest autocollimators."""
 
 LARGEST_GAP = 1.2
 """Targets of a rotary axis further apart, rad, do not go all round."""
@@ -169,10 +160,10 @@ def calibrate_positioning(
     share = share_of_travel(axis, positions)
     if share < LEAST_TARGETS and (axis.kind == "linear" or np.ptp(positions) < TURN / 2):
         misfits += (f"the targets cover {share:.2%} of the travel of {letter}: are they in another unit?",)
+    misfits += _too_quiet(figures, runs)
     lost = _across(job.file.machine, axis, positions)
     written = job.finish([*components], uncertainty, _noted(figures, bounds), misfits)
     remarks = (*check_standard_test(runs), *_positioning_remarks(job, runs, share, lost, [*components], uncertainty))
-    remarks += _too_quiet(figures, runs.rotary)
     return PositioningResult(
         ", ".join(components),
         *(runs, figures, bounds, instrument, outliers, drop_outliers, remarks, uncertainty, misfits, written),
@@ -192,18 +183,13 @@ def _positioning_remarks(
         yield "told from a tool tip: radial error motions and a displaced axis count into the angle"
 
 
-def _too_quiet(figures: PositioningFigures, rotary: bool) -> tuple[str, ...]:
-    """A remark on runs that repeat better than any instrument for such axes does."""
+def _too_quiet(figures: PositioningFigures, runs: PositioningRuns) -> tuple[str, ...]:
+    """Runs that repeat better than any instrument for such axes does, in words."""
     ways = [figures.forward] if figures.backward is None else [figures.forward, figures.backward]
     scatter = max(float(way.spread.max()) for way in ways)
-    if scatter == 0.0 or scatter >= (FINEST_ANGLE if rotary else FINEST_LENGTH):
-        return ()
-    shown = f"{scatter * ARCSEC:.2g} arcsec" if rotary else f"{scatter * 1e6:.2g} µm"
-    finest = f"{FINEST_ANGLE * ARCSEC:g} arcsec" if rotary else f"{FINEST_LENGTH * 1e6:g} µm"
-    return (
-        f"runs scatter by {shown} at most, and no instrument repeats to {finest} over a travel: are the deviations in "
-        "the unit of the header?",
-    )
+    errors = max(float(np.abs(way.mean).max()) for way in ways)
+    doubt = quiet_angle(scatter, errors) if runs.rotary else quiet_length(scatter, errors, float(np.ptp(runs.targets)))
+    return () if doubt is None else (f"runs scatter by {doubt}",)
 
 
 def _largest_uncertainty(figures: PositioningFigures) -> float:
@@ -265,40 +251,6 @@ def _repeated(positions: Array, targets: Array, errors: Array) -> Array:
     measured = np.interp(positions, targets, errors)
     inside = (positions >= targets[0]) & (positions <= targets[-1])
     return np.where(inside, measured, np.interp(positions, targets, errors, period=TURN))
-
-
-@dataclass(frozen=True)
-class MachineResult:
-    """What identification found, the verdict on it, and whether the file was written."""
-
-    identification: Identification
-    verdict: CalibrationVerdict
-    written: bool
-    remarks: tuple[str, ...] = ()
-
-
-def calibrate_machine(
-    job: Job, orders: Orders, noise: float, required: float, limits: Limits | None = None
-) -> MachineResult:
-    """All parameters of a machine from probed poses; what is not good is written by force only.
-
-    Raises:
-        InputError: the poses cannot be read or do not fit the machine.
-    """
-    machine = job.file.machine
-    poses = read_probed_poses(job.source, machine, noise, job.layout)
-    parameters = list_parameters(machine, orders)
-    identification = identify_machine(machine, parameters, poses)
-    with told_of(job.source):
-        held_out = check_held_out(machine, parameters, poses)
-    verdict = judge_calibration(identification, held_out, poses, required=required, limits=limits)
-    parts = job.file.set_machine(identification.machine)
-    figures = {"held_out_ratio": held_out.ratio, VOLUMETRIC: verdict.uncertainty, f"{VOLUMETRIC}_bound": verdict.bound}
-    misfits = [] if verdict.good else [verdict.sentence]
-    # a model that does not hold all errors misses by what it missed on the poses that were held out
-    missed = held_out.error if held_out.ratio > held_out.limit else 0.0
-    written = job.finish(parts, math.hypot(verdict.uncertainty, missed), figures, misfits)
-    return MachineResult(identification, verdict, written, poses.remarks)
 
 
 def _across(machine: MachineDescription, axis: Axis, positions: Array) -> float:

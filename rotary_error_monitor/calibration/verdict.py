@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,7 +31,7 @@ class CalibrationVerdict:
     """Whether a calibration is good.
 
     Attributes:
-        good: it predicts held-out poses, and the tool anywhere in the volume to `required`.
+        good: it predicts held-out poses and the tool anywhere in the volume to `required`, and has no doubts.
         uncertainty: standard uncertainty of the predicted tool position in the working volume, root mean square, m.
         bound: 95 % bound of the error of the predicted position, root mean square over the working volume, m.
         largest: the same as `uncertainty` at its worst pose, m.
@@ -57,8 +58,11 @@ def judge_calibration(
     *,
     required: float,
     limits: Limits | None = None,
+    doubts: Sequence[str] = (),
 ) -> CalibrationVerdict:
     """The verdict on an identified machine, which a held-out check and the poses it came from go with.
+
+    `doubts` are sentences on what else does not fit; with any the calibration is not good.
 
     What the poses did not see counts with the typical size of an error: it is harmless where it moves the tool tip as
     little in the working volume as it did at the poses, and shows in the number where not. `required` is the largest
@@ -79,7 +83,7 @@ def judge_calibration(
     variance = np.trace(jacobian @ covariance @ np.swapaxes(jacobian, 1, 2), axis1=1, axis2=2)
     uncertainty, largest = math.sqrt(float(variance.mean())), math.sqrt(float(variance.max()))
     predicts = held_out.ratio <= held_out.limit
-    good = predicts and uncertainty <= required
+    good = predicts and uncertainty <= required and not doubts
     sentence = (
         f"The calibration is {'good' if good else 'not good'}: it predicts the tool in the working volume to "
         f"{uncertainty * 1e6:.2f} µm (95 % bound {bound * 1e6:.2f} µm, at worst {largest * 1e6:.2f} µm, required "
@@ -87,6 +91,7 @@ def judge_calibration(
         "noise and uncertainty explain"
     )
     sentence += "." if predicts else f", more than the {held_out.limit:.2f} of a model that holds all errors."
+    sentence = " ".join([sentence, *doubts])
     further = volume[choose_further_poses(identification, volume, poses)]
     return CalibrationVerdict(
         good,

@@ -18,8 +18,9 @@ from rotary_error_monitor.calibration.controller_tables import (
     read_comp_file,
     volumetric_table,
 )
+from rotary_error_monitor.calibration.machine_step import calibrate_machine
 from rotary_error_monitor.calibration.parameters import Orders
-from rotary_error_monitor.calibration.steps import calibrate_machine, calibrate_positioning
+from rotary_error_monitor.calibration.steps import calibrate_positioning
 from rotary_error_monitor.calibration.volume import (
     draws_for,
     estimate_uncertain_offsets,
@@ -111,6 +112,7 @@ def _add_machine(steps: Subparsers[argparse.ArgumentParser]) -> None:
     parser.add_argument("--limits", nargs="*", default=[], metavar="X=LOW,HIGH", help="working volume, mm or degrees")
     for name in ("reversal", "expansion", "setup"):
         parser.add_argument(f"--{name}", action="store_true", help=f"look for {name} as well")
+    parser.add_argument("--drop-outliers", action="store_true", help="leave out poses that stand off from the others")
     add_columns(parser, "X=x,mm … C=c,deg temperature=T dx=ex,um dy=ey,um dz=ez,um")
 
 
@@ -190,7 +192,7 @@ def _machine(arguments: argparse.Namespace) -> int:
     noise, required = arguments.noise_um * 1e-6, arguments.required_um * 1e-6
     with job_of(arguments) as job:
         limits = limits_of(arguments.limits, job.file.machine)
-        result = calibrate_machine(job, orders, noise, required, limits)
+        result = calibrate_machine(job, orders, noise, required, limits, drop_outliers=arguments.drop_outliers)
     print(reports.machine_text(result, job.output))
     return 0 if result.written else NOT_GOOD
 

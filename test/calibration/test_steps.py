@@ -180,6 +180,26 @@ def test_deviations_that_repeat_better_than_any_instrument_are_asked_for_their_u
         assert ("no instrument repeats to" in text) == (unit != 1.0), text
 
 
+@pytest.mark.parametrize(("axis", "scale"), [("X", 1e-3), ("C", 1 / 3600)])
+def test_deviations_in_another_unit_are_written_by_force_only(
+    tmp_path: Path, machine: Path, axis: str, scale: float, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of an axis that is off by 10 µm (10″) and scatters by 4 µm (0.5″), as mm and degrees."""
+    rng = np.random.default_rng(1)
+    head, *rows = positioning_file(tmp_path, rotary=axis == "C").read_text(encoding="utf-8").splitlines()
+    source, before = tmp_path / "other.csv", machine.read_bytes()
+    for unit, code in ((scale, calibrate.NOT_GOOD), (1.0, 0)):
+        lines = []
+        for row in rows:
+            start, _, value = row.rpartition(",")
+            lines.append(f"{start},{unit * (float(value) + rng.normal(0, 4.0 if axis == 'X' else 0.5)):.9f}")
+        source.write_text("\n".join([head, *lines]), encoding="utf-8")
+        assert run("positioning", source, "--machine", machine, "--axis", axis) == code
+        told = capsys.readouterr().out
+        assert ("are the readings in the unit of the header?" in told) == (code != 0)
+        assert (machine.read_bytes() == before) == (code != 0)
+
+
 def test_startup_outlier_is_named_and_counted(
     tmp_path: Path, machine: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
