@@ -16,6 +16,7 @@ import numpy as np
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.bags.reader import BagReader
+from rotary_error_monitor.calibration.copies import refuse_copies
 from rotary_error_monitor.calibration.identification import ProbedPoses
 from rotary_error_monitor.calibration.measurements import ANGLE, LENGTH, LINEAR_ERROR, TRAVEL_SLACK
 from rotary_error_monitor.codec.contents import Content, JointState, PointStamped, Temperature
@@ -114,6 +115,8 @@ def _poses_of_table(path: Path, machine: MachineDescription, noise: float, layou
     table = read_table(path, [[*axes, *ways, *rest], [*axes, *rest]], layout=layout)
     poses = _poses_of(table, machine, path)
     deviations = np.stack([table.numbers[column.name] for column in rest[1:]], axis=1)
+    named = {f"pose {row + 1}": [row] for row in range(len(deviations))}
+    refuse_copies(table, named, np.concatenate([poses.positions, poses.direction], axis=1), deviations, noise)
     temperature, remarks = _temperatures(poses.temperature, machine)
     return ProbedPoses(poses.positions, poses.direction, temperature, deviations, noise, remarks, table.lines)
 

@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.calibration.copies import refuse_copies
 from rotary_error_monitor.calibration.grinding import FlatnessPrediction
 from rotary_error_monitor.calibration.measurements import LENGTH, LINEAR_ERROR
+from rotary_error_monitor.calibration.quietness import FINEST_LENGTH
 from rotary_error_monitor.description.column_layout import ColumnLayout
 from rotary_error_monitor.description.csv_tables import Column, Table, read_table
 from rotary_error_monitor.errors import InputError
@@ -96,6 +98,8 @@ def read_workpiece(path: Path, prediction: FlatnessPrediction, layout: ColumnLay
     names = [f"{letter}_mm" for letter in prediction.feeds]
     columns = [*(Column(name, LENGTH) for name in names), Column("height_um", LINEAR_ERROR)]
     table = read_table(path, [columns], layout=layout)
+    at, heights = np.stack([table.numbers[name] for name in names], axis=1), table.numbers["height_um"]
+    refuse_copies(table, {f"point {row + 1}": [row] for row in range(len(at))}, at, heights, FINEST_LENGTH)
     points = combine_repeated(*(table.numbers[name] for name in (*names, "height_um")))
     if len(points.counts) < FEWEST_POINTS:
         raise table.error(

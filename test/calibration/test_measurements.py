@@ -316,7 +316,7 @@ def test_a_pose_of_a_bag_without_a_temperature_has_that_between_its_neighbours(
 
 def test_a_temperature_of_a_table_that_no_machine_has_is_not_used_either(tmp_path: Path) -> None:
     machine, header = load_machine("grinder_zhou2023"), "X_mm,Z_mm,Y_mm,temperature_degC,dx_um,dy_um,dz_um"
-    rows = [f"-100,-20,30,{read},1,2,3" for read in (20.5, 85.0, 21.5)]
+    rows = [f"-100,-20,30,{read},1,2,{read / 7:.3f}" for read in (20.5, 85.0, 21.5)]
     poses = read_probed_poses(written(tmp_path, header, *rows), machine, 1.5e-6)
     assert poses.temperature.tolist() == [20.5, 21.0, 21.5]
     assert len(poses.remarks) == 1
