@@ -99,6 +99,15 @@ def _add_squareness(steps: Subparsers[argparse.ArgumentParser]) -> None:
     parser.add_argument("--distance-um", type=positive, default=0.5, help="standard uncertainty (default 0.5)")
     parser.add_argument("--distance-ppm", type=not_negative, default=0.5, help="and its relative part (default 0.5)")
     parser.add_argument("--angle-arcsec", type=positive, default=0.5, help="of both angles (default 0.5)")
+    parser.add_argument(
+        "--reflector-mm",
+        type=float,
+        nargs=3,
+        default=(0.0, 0.0, 0.0),
+        metavar=("X", "Y", "Z"),
+        help="where it stands in the frame of the tool, or of the workpiece where the axis carries that (default 0 0 "
+        "0): the lever of angular errors that the file has",
+    )
     add_figure(parser, "draw how axes and spindle lie beside each other")
     add_columns(parser, "feature=Group x=X,mm y=Y,mm z=Z,mm")
 
@@ -178,7 +187,8 @@ def _squareness(arguments: argparse.Namespace) -> int:
     angle = math.radians(arguments.angle_arcsec / 3600)
     noise = TrackerNoise(arguments.distance_um * 1e-6, arguments.distance_ppm * 1e-6, angle, angle)
     with job_of(arguments) as job:
-        result = calibrate_squareness(job, noise)
+        x, y, z = (part * 1e-3 for part in arguments.reflector_mm)
+        result = calibrate_squareness(job, noise, (x, y, z))
     print(reports.squareness_text(result, job.output))
     if arguments.figure:
         from rotary_error_monitor.report.axes_figure import draw_axes
