@@ -18,6 +18,7 @@ from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.calibration.copies import refuse_copies
 from rotary_error_monitor.calibration.identification import ProbedPoses
+from rotary_error_monitor.calibration.known_readings import ReadingPlace
 from rotary_error_monitor.calibration.measurements import ANGLE, LENGTH, LINEAR_ERROR, TRAVEL_SLACK
 from rotary_error_monitor.codec.contents import Content, JointState, PointStamped, Temperature
 from rotary_error_monitor.description.column_layout import ColumnLayout
@@ -200,8 +201,10 @@ def check_within_travel(where: str, machine: MachineDescription, pose: Array) ->
             )
 
 
-def read_positioning_poses(path: Path | str, machine: MachineDescription, letter: str) -> PositioningRuns:
-    """Bidirectional runs of one axis from a bag of probed poses in which no other axis moves.
+def read_positioning_poses(
+    path: Path | str, machine: MachineDescription, letter: str
+) -> tuple[PositioningRuns, ReadingPlace]:
+    """Bidirectional runs of one axis from a bag of probed poses in which no other axis moves, and where it stood.
 
     The deviation is the tool's along the way that the axis moves it; of a rotary axis, over the tool's distance from
     the axis, so that what moves the tool along besides (radial error motions, a displaced axis) counts in. The cycle is
@@ -229,7 +232,9 @@ def read_positioning_poses(path: Path | str, machine: MachineDescription, letter
             values[: len(row)] = row
     with told_of(path):
         backward = runs[-1] if runs[-1].size else None
-        return PositioningRuns(targets * SAME_POSITION, runs[1], backward, axis.kind == "rotary")
+        found = PositioningRuns(targets * SAME_POSITION, runs[1], backward, axis.kind == "rotary")
+    stood = dict(zip(machine.letters, map(float, poses.positions[0]), strict=True))
+    return found, ReadingPlace(stood, temperature=float(poses.temperature.mean()), whole=True)
 
 
 def _own_deviations(path: Path | str, machine: MachineDescription, number: int, poses: ProbedPoses) -> Array:

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.calibration.known_readings import BESIDE, ReadingPlace, known_readings, largest_lever
 from rotary_error_monitor.calibration.machine_file import MachineFile
 from rotary_error_monitor.calibration.machine_poses import read_positioning_poses
 from rotary_error_monitor.calibration.measurements import read_positioning
@@ -128,31 +129,34 @@ class PositioningResult:
 
 
 def calibrate_positioning(
-    job: Job, letter: str, *, drop_outliers: bool = False, instrument: float = 0.0
+    job: Job,
+    letter: str,
+    *,
+    drop_outliers: bool = False,
+    instrument: float = 0.0,
+    place: ReadingPlace | None = None,
 ) -> PositioningResult:
     """ISO 230-2 test of one axis into the table of its positioning error.
 
     Outliers are told. A test that holds such as clean readings hardly ever do is written without them, or by force.
-    `instrument` is the standard uncertainty of the instrument's difference between two positions, m or rad.
+    `instrument` is the standard uncertainty of the instrument's difference between two positions, m or rad; where it
+    read, and at what temperature, is the `place`, which a bag tells itself. What the file's other errors make there of
+    the readings is in the figures, and not in the table.
 
     Raises:
         InputError: the machine has no such axis, the table is wrong, or its targets leave the travel.
     """
-    axis = job.file.machine.axis(letter)
+    axis, place = job.file.machine.axis(letter), place or ReadingPlace()
     if job.is_table:
         runs = read_positioning(job.source, rotary=axis.kind == "rotary", layout=job.layout)
     else:
-        runs = read_positioning_poses(job.source, job.file.machine, letter)
+        runs, place = read_positioning_poses(job.source, job.file.machine, letter)
     check_travel(axis, runs.targets, job.source)
     outliers = find_outliers(runs)
     used = remove_outliers(runs, outliers) if drop_outliers else runs
     figures, bounds = estimate_positioning(used), bound_positioning(used, instrument)
-    positions = _over_travel(axis, runs.targets)
-    forward = _repeated(positions, runs.targets, figures.forward.mean)
-    backward = None if figures.backward is None else _repeated(positions, runs.targets, figures.backward.mean)
-    components = axis.positioning_shares
-    for name, share in components.items():
-        job.file.set_table(name, positions, share * forward, None if backward is None else share * backward)
+    known = _known(job.file.machine, axis, runs.targets, place)
+    positions, components = _set_tables(job.file, axis, figures, known), axis.positioning_shares
     uncertainty = math.hypot(_largest_uncertainty(figures), instrument)
     misfits = () if drop_outliers else _outlying_readings(find_outliers(runs, false_alarm=FALSE_ALARM), runs)
     if misfits:
@@ -163,11 +167,40 @@ def calibrate_positioning(
     misfits += _too_quiet(figures, runs)
     lost = _across(job.file.machine, axis, positions)
     written = job.finish([*components], uncertainty, _noted(figures, bounds), misfits)
-    remarks = (*check_standard_test(runs), *_positioning_remarks(job, runs, share, lost, [*components], uncertainty))
+    remarks = (
+        *check_standard_test(runs),
+        *_positioning_remarks(job, runs, share, lost, [*components], uncertainty),
+        *_known_remarks(job.file.machine, axis, runs.targets, known, place, uncertainty),
+    )
     return PositioningResult(
         ", ".join(components),
         *(runs, figures, bounds, instrument, outliers, drop_outliers, remarks, uncertainty, misfits, written),
     )
+
+
+def _known(machine: MachineDescription, axis: Axis, targets: Array, place: ReadingPlace) -> tuple[Array, Array]:
+    """What other errors of the file make of readings at targets (n,), forward and backward, m or rad.
+
+    An angle that an instrument reads has nothing of them; one that is told from a tool tip has.
+    """
+    if axis.kind == "rotary" and not place.whole:
+        return np.zeros_like(targets), np.zeros_like(targets)
+    shares = axis.positioning_shares
+    forward, backward = (
+        known_readings(machine, axis.letter, shares, targets, direction=way, place=place) for way in (1.0, -1.0)
+    )
+    return forward, backward
+
+
+def _set_tables(file: MachineFile, axis: Axis, figures: PositioningFigures, known: tuple[Array, Array]) -> Array:
+    """Write means without what is `known` of them to the components of an axis, and give the positions of the table."""
+    targets = figures.targets
+    positions = _over_travel(axis, targets)
+    forward = _repeated(positions, targets, figures.forward.mean - known[0])
+    backward = None if figures.backward is None else _repeated(positions, targets, figures.backward.mean - known[1])
+    for name, share in axis.positioning_shares.items():
+        file.set_table(name, positions, share * forward, None if backward is None else share * backward)
+    return positions
 
 
 def _positioning_remarks(
@@ -181,6 +214,40 @@ def _positioning_remarks(
         yield f"up to {size} across the axis, which the file had in {', '.join(names)}, is in the history now"
     if runs.rotary and not job.is_table:
         yield "told from a tool tip: radial error motions and a displaced axis count into the angle"
+
+
+def _known_remarks(
+    machine: MachineDescription,
+    axis: Axis,
+    targets: Array,
+    known: Sequence[Array],
+    place: ReadingPlace,
+    uncertainty: float,
+) -> Iterator[str]:
+    """What other errors of the file make of the readings (n,) in each direction, and what was assumed for it."""
+    scale, unit = (ARCSEC, "arcsec") if axis.kind == "rotary" else (1e6, "µm")
+    size = max(float(np.ptp(each)) for each in known)
+    if size > uncertainty / 10:
+        yield f"the table is without {size * scale:.3g} {unit} that other errors of the file make of the readings"
+    if axis.kind == "rotary" or place.whole:
+        return
+    lever = largest_lever(machine, axis.letter, axis.positioning_shares, targets, place)
+    if lever > uncertainty / 10:
+        yield (
+            f"read at the tool's origin{_beside(place)}: {BESIDE * 1e3:g} mm beside it angular errors of the file make "
+            f"up to {lever * 1e6:.3g} µm of it (--beside-mm, --at)"
+        )
+    warmer = abs(axis.expansion) * float(np.ptp(targets))
+    if warmer > uncertainty / 10:
+        degrees = machine.reference_temperature if place.temperature is None else place.temperature
+        taken = " is taken for its temperature" if place.temperature is None else ""
+        yield f"axis {axis.letter} at {degrees:g} °C{taken}: each kelvin makes {warmer * 1e6:.3g} µm (--temperature-c)"
+
+
+def _beside(place: ReadingPlace) -> str:
+    if not any(place.beside):
+        return ""
+    return " and ({:g}, {:g}, {:g}) mm from it".format(*(1e3 * each for each in place.beside))
 
 
 def _too_quiet(figures: PositioningFigures, runs: PositioningRuns) -> tuple[str, ...]:

@@ -34,7 +34,9 @@ from rotary_error_monitor.commands.calibration_arguments import (
     Subparsers,
     add_columns,
     add_figure,
+    add_place,
     job_of,
+    place_of,
     step,
 )
 from rotary_error_monitor.commands.values import (
@@ -87,6 +89,7 @@ def _add_positioning(steps: Subparsers[argparse.ArgumentParser]) -> None:
             f"temperature), which repeated runs do not show; of a {kind} axis",
         )
     add_columns(parser, "target=Pos,mm direction=Dir cycle=Run deviation=Error,um")
+    add_place(parser)
     add_figure(parser)
 
 
@@ -157,8 +160,9 @@ def _add_errors(steps: Subparsers[argparse.ArgumentParser]) -> None:
 def _positioning(arguments: argparse.Namespace) -> int:
     with job_of(arguments) as job:
         instrument = _instrument(arguments, job.file.machine)
+        place = place_of(arguments, job.file.machine)
         result = calibrate_positioning(
-            job, arguments.axis, drop_outliers=arguments.drop_outliers, instrument=instrument
+            job, arguments.axis, drop_outliers=arguments.drop_outliers, instrument=instrument, place=place
         )
     print(reports.positioning_text(result, job.output))
     if arguments.figure:

@@ -327,7 +327,7 @@ def test_positioning_from_a_bag(tmp_path: Path) -> None:
     positions, direction = np.zeros((18, 5)), np.ones((18, 5))
     positions[:, 0] = np.tile([0.0, 0.1, 0.2, 0.2, 0.1, 0.0], 3)
     direction[:, 0] = np.tile([1, 1, 1, -1, -1, -1], 3)
-    runs = read_positioning_poses(poses_bag(tmp_path, machine, positions, direction), machine, "X")
+    runs, _ = read_positioning_poses(poses_bag(tmp_path, machine, positions, direction), machine, "X")
     np.testing.assert_allclose(runs.targets, [0.0, 0.1, 0.2], atol=1e-12)
     expected = 1e-6 * np.array([[1.5, 1.6, 1.7], [2.5, 2.6, 2.7], [3.5, 3.6, 3.7]])
     np.testing.assert_allclose(runs.forward, expected, atol=1e-15)
@@ -354,7 +354,7 @@ def test_positioning_of_a_rotary_axis_from_a_bag(tmp_path: Path) -> None:
         contents[JOINT_STATES].append(JointState((k + 1) * 10**9, machine.letters, row, way, np.array([])))
         contents[TOOL_PROBE].append(PointStamped((k + 1) * 10**9, point))
     write_messages(tmp_path / "bag", contents)
-    runs = read_positioning_poses(tmp_path / "bag", machine, "C")
+    runs, _ = read_positioning_poses(tmp_path / "bag", machine, "C")
     assert runs.rotary
     np.testing.assert_allclose(runs.targets, targets, atol=1e-6)
     expected = (1e-5 * targets + 4e-6)[:, None] + np.array([[0.0, 1e-6]])
