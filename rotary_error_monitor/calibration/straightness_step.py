@@ -29,6 +29,12 @@ MOST_TABLE_ROWS = 101
 """Rows of a table in the machine file, so that it can still be read."""
 
 
+UNKNOWN = (
+    "the mirror's flatness is unknown, and a curved mirror looks like a curved guideway: state it, or measure "
+    "one placement a second time with the mirror turned over"
+)
+"""Why a curve may be the mirror's; by force all of it counts as uncertainty."""
+
 LEAST_SLOPE = 1e-9
 """What a slope makes over the table, m, below which it is rounding."""
 
@@ -132,6 +138,9 @@ def calibrate_straightness(
     values = np.asarray(values - known, dtype=np.float64)
     doubts = find_doubts(parts, spliced, straightness, reading.noise)
     doubts = doubts.beside(unit_doubts(axis, spliced.positions, None if mirror is None else mirror.length))
+    is_turned = len({part.segment.turned for part in parts}) == 2
+    if mirror is not None and mirror.flatness is None and not is_turned:
+        doubts = doubts.beside((UNKNOWN,), float(np.abs(straightness.deviations).max()))
     comparison = None if asked.direct is None else _compare(axis, measured, doubts, asked.direct)
     if comparison is not None and comparison.probability < FALSE_ALARM:
         doubts = doubts.beside((_difference(comparison),), comparison.largest)

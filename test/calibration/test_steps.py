@@ -335,8 +335,15 @@ def test_straightness_with_an_unknown_mirror_is_warned_of(tmp_path: Path, capsys
     source, _ = straightness_file(tmp_path)
     machine = Path(shutil.copy(config("machines/grinder_zhou2023.yaml"), tmp_path / "grinder.yaml"))
     words = ["--mirror-length-mm", 440, "--mirror-flatness-um", "unknown", "--noise-um", 0.06]
-    assert run("straightness", source, "--machine", machine, "--component", "EYZ", *words) == 0
-    assert "warning: the mirror's flatness is unknown" in capsys.readouterr().out
+    before = machine.read_bytes()
+    assert run("straightness", source, "--machine", machine, "--component", "EYZ", *words) == calibrate.NOT_GOOD
+    told = capsys.readouterr().out
+    assert "warning: the mirror's flatness is unknown" in told
+    assert "does not fit: the mirror's flatness is unknown, and a curved mirror looks like a curved guideway" in told
+    assert machine.read_bytes() == before
+    assert run("straightness", source, "--machine", machine, "--component", "EYZ", *words, "--force") == 0
+    # all of the curve may be the mirror's
+    assert calibration_of(machine)["EYZ"]["uncertainty"] > 2e-6
     with pytest.raises(InputError, match=r"straightness.csv: segment 1 runs from .* beyond the mirror"):
         run("straightness", source, "--machine", machine, "--component", "EYZ", "--mirror-length-mm", 300, *words[2:])
     for name, message in (("EZZ", "no straightness of a linear axis"), ("XYZ", "names no straightness")):
