@@ -29,6 +29,7 @@ from rotary_error_monitor.metrology.positioning import (
     PositioningRuns,
     check_standard_test,
     estimate_positioning,
+    find_jumps,
     find_outliers,
     remove_outliers,
 )
@@ -164,7 +165,7 @@ def calibrate_positioning(
     share = share_of_travel(axis, positions)
     if share < LEAST_TARGETS and (axis.kind == "linear" or np.ptp(positions) < TURN / 2):
         misfits += (f"the targets cover {share:.2%} of the travel of {letter}: are they in another unit?",)
-    misfits += _too_quiet(figures, runs)
+    misfits += (*_jumps(runs), *_too_quiet(figures, runs))
     lost = _across(job.file.machine, axis, positions)
     written = job.finish([*components], uncertainty, _noted(figures, bounds), misfits)
     remarks = (
@@ -287,6 +288,21 @@ def _outlying_readings(outliers: Sequence[Outlier], runs: PositioningRuns) -> tu
     return (
         f"{len(outliers)} reading(s) stand off from the others at their target, by up to {worst.excess * scale:+.3f} "
         f"{unit} or {worst.ratio:.1f} standard deviations; --drop-outliers leaves them out",
+    )
+
+
+def _jumps(runs: PositioningRuns) -> tuple[str, ...]:
+    """Steps within a cycle after which readings stay elsewhere, in words."""
+    found = find_jumps(runs, false_alarm=FALSE_ALARM)
+    if not found:
+        return ()
+    worst, (scale, unit) = found[0], (ARCSEC, "arcsec") if runs.rotary else (1e6, "µm")
+    length, name = (180 / math.pi, "deg") if runs.rotary else (1e3, "mm")
+    places = " and ".join(f"{runs.targets[at] * length:g} {name} ({way:+d})" for at, way in (worst.before, worst.after))
+    return (
+        f"cycle {worst.cycle + 1}: readings step by {worst.size * scale:+.3f} {unit} between {places}, by "
+        f"{worst.ratio:.1f} standard deviations of what they do there in other cycles: was the beam broken, or did a "
+        "mount slip? Measure the cycle again",
     )
 
 
