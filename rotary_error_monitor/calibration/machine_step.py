@@ -22,6 +22,8 @@ from rotary_error_monitor.calibration.verdict import CalibrationVerdict, judge_c
 from rotary_error_monitor.calibration.volume import Limits, volumetric_difference
 from rotary_error_monitor.description.machine import VOLUMETRIC, MachineDescription
 from rotary_error_monitor.errors import told_of
+from rotary_error_monitor.metrology.distributions import chi_square_limit
+from rotary_error_monitor.metrology.repeated_runs import FALSE_ALARM
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,9 @@ def calibrate_machine(
         found = replace(found, outlying=dropped)
     with told_of(job.source):
         held_out = check_held_out(machine, parameters, poses)
-    doubts = (*_stray(found, poses), *unit_doubts(machine, found, poses))
+    negative, all_are = negative_reversals(found)
+    doubts = (*_stray(found, poses), *unit_doubts(machine, found, poses), *(negative if all_are else ()))
+    remarks += () if all_are else negative
     verdict = judge_calibration(found, held_out, poses, required=required, limits=limits, doubts=doubts)
     parts = job.file.set_machine(found.machine)
     figures = {"held_out_ratio": held_out.ratio, VOLUMETRIC: verdict.uncertainty, f"{VOLUMETRIC}_bound": verdict.bound}
@@ -84,6 +88,28 @@ def _stray(found: Identification, poses: ProbedPoses) -> tuple[str, ...]:
         f"{which}: the fit leaves {size:.1f} µm, {worst.ratio:.1f} standard deviations of what it leaves at the others "
         "(--drop-outliers leaves such poses out).",
     )
+
+
+def negative_reversals(found: Identification) -> tuple[tuple[str, ...], bool]:
+    """What is to be said of axes that go too far where play would hold them back, and whether it is all that show any.
+
+    Play is positive. A controller that compensates too much makes one axis look so; several, and none that is
+    positive, are directions of the other sign.
+    """
+    ratios = {
+        parameter.name.partition(".")[0]: float(value / std)
+        for parameter, value, std in zip(found.parameters, found.values, found.standard_uncertainty, strict=True)
+        if parameter.name.endswith(".reversal")
+    }
+    limit = math.sqrt(chi_square_limit(FALSE_ALARM / max(1, len(ratios)), 1))
+    shown = {letter: ratio for letter, ratio in ratios.items() if abs(ratio) > limit}
+    below = [letter for letter, ratio in shown.items() if ratio < 0]
+    if not below:
+        return (), False
+    return (
+        f"Reversal of {', '.join(below)} is negative: such an axis goes further than it is told after it has turned, "
+        "as a controller makes it that compensates too much; or are the directions those of the other side?",
+    ), len(below) == len(shown) > 1
 
 
 def unit_doubts(machine: MachineDescription, found: Identification, poses: ProbedPoses) -> tuple[str, ...]:

@@ -171,6 +171,7 @@ def calibrate_positioning(
     remarks = (
         *check_standard_test(runs),
         *_positioning_remarks(job, runs, share, lost, [*components], uncertainty),
+        *_ahead(bounds),
         *_known_remarks(job.file.machine, axis, runs.targets, known, place, uncertainty),
     )
     return PositioningResult(
@@ -215,6 +216,16 @@ def _positioning_remarks(
         yield f"up to {size} across the axis, which the file had in {', '.join(names)}, is in the history now"
     if runs.rotary and not job.is_table:
         yield "told from a tool tip: radial error motions and a displaced axis count into the angle"
+
+
+def _ahead(bounds: PositioningBounds) -> tuple[str, ...]:
+    """A remark on an axis that goes too far where play would hold it back."""
+    if bounds.bidirectional is None or bounds.bidirectional.mean_reversal_error[0] <= 0:
+        return ()
+    return (
+        "from below it stands further than from above, and play makes the contrary: a controller that compensates too "
+        "much, or directions of the other side?",
+    )
 
 
 def _known_remarks(

@@ -11,6 +11,7 @@ import numpy as np
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.calibration.known_readings import BESIDE, ReadingPlace, known_readings
+from rotary_error_monitor.calibration.placement_doubts import placement_doubts
 from rotary_error_monitor.calibration.steps import Job
 from rotary_error_monitor.calibration.straightness_doubts import StraightnessUncertainty, find_doubts, unit_doubts
 from rotary_error_monitor.calibration.straightness_runs import Measured, Placed, ReadingSettings, measure_straightness
@@ -141,6 +142,8 @@ def calibrate_straightness(
     is_turned = len({part.segment.turned for part in parts}) == 2
     if mirror is not None and mirror.flatness is None and not is_turned:
         doubts = doubts.beside((UNKNOWN,), float(np.abs(straightness.deviations).max()))
+    for misplaced in placement_doubts([part.segment for part in parts], mirror, spliced):
+        doubts = doubts.beside((misplaced,), float(np.abs(straightness.deviations).max()))
     comparison = None if asked.direct is None else _compare(axis, measured, doubts, asked.direct)
     if comparison is not None and comparison.probability < FALSE_ALARM:
         doubts = doubts.beside((_difference(comparison),), comparison.largest)

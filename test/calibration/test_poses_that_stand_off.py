@@ -12,7 +12,7 @@ import yaml
 from calibration.simulated_machine import CALIBRATIONS, NOISE, Calibration, tool
 
 from rotary_error_monitor.calibration.identification import ProbedPoses, drop_outlying, identify_machine
-from rotary_error_monitor.calibration.machine_step import unit_doubts
+from rotary_error_monitor.calibration.machine_step import negative_reversals, unit_doubts
 from rotary_error_monitor.calibration.parameters import apply_parameters, list_parameters, without_errors
 from rotary_error_monitor.cli import main
 from rotary_error_monitor.description.machine import MachineDescription, load_machine
@@ -122,3 +122,26 @@ def test_a_machine_of_few_errors_is_asked_for_its_unit() -> None:
         scaled = replace(poses, deviations=poses.deviations * unit)
         found = identify_machine(ideal, list_parameters(ideal, case.orders), scaled)
         assert bool(unit_doubts(ideal, found, scaled)) == doubted
+
+
+@pytest.mark.parametrize("kind", ["trunnion, everything"])
+def test_directions_of_the_other_side_do_not_fit(kind: str) -> None:
+    """Play is positive; all axes with play below zero are directions negated, one may be compensated too much."""
+    case = CALIBRATIONS[kind]
+    ideal, poses = probed(case, 6)
+    parameters, model = list_parameters(ideal, case.orders), ideal
+    play = {axis.letter: 8e-6 for axis in ideal.axes}
+    for letter, width in play.items():
+        model = model.with_axis(letter, reversal=width)
+    warming = poses.temperature - ideal.reference_temperature
+    off = tool(model, poses.positions, poses.direction, warming)
+    off += NOISE * np.random.default_rng(1).normal(size=off.shape)
+    for sign, expected in ((1.0, ((), False)), (-1.0, (5, True))):
+        found = identify_machine(ideal, parameters, replace(poses, deviations=off, direction=sign * poses.direction))
+        words, all_are = negative_reversals(found)
+        assert all_are == expected[1] and bool(words) == expected[1]
+    ways = poses.direction * [-1.0, 1, 1, 1, 1]
+    words, all_are = negative_reversals(
+        identify_machine(ideal, parameters, replace(poses, deviations=off, direction=ways))
+    )
+    assert words and words[0].startswith("Reversal of X is negative") and not all_are
