@@ -39,7 +39,7 @@ def placement_doubts(
     # the same nodes for all, and not so near that they follow what does not fit
     steps = [float(np.median(np.diff(np.sort(each.positions)))) for each in segments]
     spacing = max(2 * max(steps), float(np.ptp(spliced.positions)) / MOST_NODES)
-    tried = [(words, _square(*each, spacing)) for words, *each in _others(segments, mirror)]
+    tried = [(words, _square(placed, other, spacing)) for words, placed, other in _others(segments, mirror)]
     stated = _square(segments, mirror, spacing)
     if not tried or not math.isfinite(stated):
         return ()

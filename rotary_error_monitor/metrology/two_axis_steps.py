@@ -167,7 +167,6 @@ def find_stray_readings(steps: StepReadings, *, false_alarm: float) -> tuple[Str
         values = np.where(rows >= 0, steps.readings[rows, axis], np.nan)
         values[(rows >= 0).sum(axis=1) < LEAST_GROUP] = np.nan
         for each in find_outlying([(1, values)], false_alarm=false_alarm / 2):
-            row = int(rows[each.target, each.cycle])
-            stray = StrayReading(row, axis, each.excess, each.ratio)
-            found[row] = max(found.get(row, stray), stray, key=lambda one: one.ratio)
+            stray = StrayReading(int(rows[each.target, each.cycle]), axis, each.excess, each.ratio)
+            found[stray.row] = max(found.get(stray.row, stray), stray, key=lambda one: one.ratio)
     return tuple(sorted(found.values(), key=lambda stray: -stray.ratio))
