@@ -20,8 +20,9 @@ from rotary_error_monitor.calibration.quietness import quiet_length
 from rotary_error_monitor.calibration.steps import Job
 from rotary_error_monitor.calibration.verdict import CalibrationVerdict, judge_calibration
 from rotary_error_monitor.calibration.volume import Limits, volumetric_difference
-from rotary_error_monitor.description.machine import VOLUMETRIC, MachineDescription
+from rotary_error_monitor.description.machine import POSE_TERM, VOLUMETRIC, WHOLE_MACHINE, MachineDescription
 from rotary_error_monitor.errors import told_of
+from rotary_error_monitor.machine.pose_uncertainty import MIDDLE
 from rotary_error_monitor.metrology.distributions import chi_square_limit
 from rotary_error_monitor.metrology.repeated_runs import FALSE_ALARM
 
@@ -73,7 +74,11 @@ def calibrate_machine(
     # a model that does not hold all errors misses by what it missed on the poses that were held out
     missed = held_out.error if held_out.ratio > held_out.limit else 0.0
     moved = volumetric_difference(found.machine, clean.machine, limits) if found.outlying else 0.0
-    written = job.finish(parts, math.hypot(verdict.uncertainty, missed, moved), figures, misfits)
+    uncertainty = math.hypot(verdict.uncertainty, missed, moved)
+    terms = {**verdict.pose_terms, MIDDLE: math.hypot(verdict.pose_terms.get(MIDDLE, 0.0), missed, moved)}
+    by_pose = {f"{POSE_TERM}{letters}": size for letters, size in terms.items() if size > 0}
+    whole = {WHOLE_MACHINE: (uncertainty, {**figures, **by_pose})}
+    written = job.finish_parts({**dict.fromkeys(parts, (uncertainty, figures)), **whole}, misfits)
     return MachineResult(found, verdict, written, remarks)
 
 

@@ -207,9 +207,10 @@ def _remarks(
     """What other errors of the file make of the readings, and another by elsewhere, where that is worth a word."""
     if float(np.ptp(known)) > uncertainty / 10:
         yield f"the table is without {np.ptp(known) * 1e6:.3g} µm that other errors of the file make of the readings"
-    unit = np.eye(3)
-    x, y, z = (tuple(map(float, np.add(place.beside, BESIDE * each))) for each in unit)
-    levers = [np.ptp(_known(machine, name, positions, replace(place, beside=each)) - known) for each in (x, y, z)]
+    levers = []
+    for each in np.eye(3):
+        x, y, z = (float(a + BESIDE * b) for a, b in zip(place.beside, each, strict=True))
+        levers.append(float(np.ptp(_known(machine, name, positions, replace(place, beside=(x, y, z))) - known)))
     if max(levers) > uncertainty / 10:
         yield (
             f"read at the tool's origin, or as --at and --beside-mm say: {BESIDE * 1e3:g} mm from there angular errors "

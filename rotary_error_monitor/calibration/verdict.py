@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.calibration.identification import (
     HeldOutCheck,
     Identification,
@@ -18,6 +19,7 @@ from rotary_error_monitor.calibration.identification import (
     parameter_scales,
     rank_with_longer_tool,
 )
+from rotary_error_monitor.calibration.pose_terms import fit_terms, poses_of_terms
 from rotary_error_monitor.calibration.volume import Limits, sample_volume
 
 SAMPLES = 200
@@ -39,6 +41,7 @@ class CalibrationVerdict:
         sentence: the verdict in words.
         further_poses: axis positions that would add most, in the order of the machine's axes, m or rad.
         rank_with_longer_tool: combinations that the same poses see with a second tool that is 100 mm longer.
+        pose_terms: how the uncertainty depends on the pose (`machine/pose_uncertainty.py`), m.
     """
 
     good: bool
@@ -49,6 +52,7 @@ class CalibrationVerdict:
     sentence: str
     further_poses: tuple[tuple[float, ...], ...]
     rank_with_longer_tool: int
+    pose_terms: Mapping[str, float] = field(default_factory=dict)
 
 
 def judge_calibration(
@@ -74,13 +78,13 @@ def judge_calibration(
     """
     machine = identification.machine
     volume = sample_volume(machine, SAMPLES, limits)
-    warmth = np.full(SAMPLES, machine.reference_temperature)
-    planned = ProbedPoses(volume, np.zeros_like(volume), warmth, np.zeros((SAMPLES, 3)), poses.noise)
-    jacobian = estimate_jacobian(machine, identification.parameters, planned).reshape(SAMPLES, 3, -1)
+    jacobian = _jacobian(identification, volume, poses.noise)
     hidden = identification.hidden * parameter_scales(identification.parameters)
     covariance = identification.covariance + hidden.T @ hidden
     bound = _bound(jacobian, covariance)
-    variance = np.trace(jacobian @ covariance @ np.swapaxes(jacobian, 1, 2), axis1=1, axis2=2)
+    variance = _variance(jacobian, covariance)
+    places = poses_of_terms(machine, limits)
+    terms = fit_terms(machine, places, _variance(_jacobian(identification, places, poses.noise), covariance))
     uncertainty, largest = math.sqrt(float(variance.mean())), math.sqrt(float(variance.max()))
     predicts = held_out.ratio <= held_out.limit
     good = predicts and uncertainty <= required and not doubts
@@ -102,7 +106,21 @@ def judge_calibration(
         sentence,
         tuple(tuple(float(value) for value in pose) for pose in further),
         rank_with_longer_tool(identification, poses),
+        terms,
     )
+
+
+def _jacobian(identification: Identification, places: Array, noise: float) -> Array:
+    """(n, 3, p) derivative of the tool's position by each parameter at places (n, axes), at reference temperature."""
+    machine, count = identification.machine, len(places)
+    warmth = np.full(count, machine.reference_temperature)
+    planned = ProbedPoses(places, np.zeros_like(places), warmth, np.zeros((count, 3)), noise)
+    return estimate_jacobian(machine, identification.parameters, planned).reshape(count, 3, -1)
+
+
+def _variance(jacobian: Array, covariance: Array) -> Array:
+    """(n,) of the position, sum over three directions, m²."""
+    return np.asarray(np.einsum("nip,pq,niq->n", jacobian, covariance, jacobian, optimize=True), dtype=np.float64)
 
 
 def _bound(jacobian: NDArray[np.float64], covariance: NDArray[np.float64]) -> float:

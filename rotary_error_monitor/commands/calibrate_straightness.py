@@ -97,8 +97,8 @@ def _straightness(arguments: argparse.Namespace) -> int:
         if mirror is None and arguments.mirror_form is not None:
             raise InputError(f"--mirror-form {arguments.mirror_form} without a mirror: state --mirror-length-mm")
         place = place_of(arguments, job.file.machine)
-        direct, form = _direct_of(arguments, reading), arguments.mirror_form is not None
-        asked = Asked(arguments.monotone, direct, form, place=place)
+        direct, is_asked = _direct_of(arguments, reading), arguments.mirror_form is not None
+        asked = Asked(arguments.monotone, direct, is_asked, place=place)
         result = calibrate_straightness(job, arguments.component, mirror, reading, asked)
     print(straightness_text(result, job.output))
     form = result.spliced.mirror
