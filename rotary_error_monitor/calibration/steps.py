@@ -312,8 +312,8 @@ def _jumps(runs: PositioningRuns) -> tuple[str, ...]:
     places = " and ".join(f"{runs.targets[at] * length:g} {name} ({way:+d})" for at, way in (worst.before, worst.after))
     return (
         f"cycle {worst.cycle + 1}: readings step by {worst.size * scale:+.3f} {unit} between {places}, by "
-        f"{worst.ratio:.1f} standard deviations of what they do there in other cycles: was the beam broken, or did a "
-        "mount slip? Measure the cycle again",
+        f"{worst.ratio:.1f} standard deviations of what they do there in other cycles: was the beam broken, or did an "
+        "optic slip? Measure the cycle again",
     )
 
 

@@ -71,7 +71,7 @@ def test_terms_come_back_from_the_file(tmp_path: Path) -> None:
         '  calibration:\n    machine: {date: "2026-11-26", source: poses.csv, sha256: '
         + "a" * 64
         + ", uncertainty: 2.0e-06,\n"
-        "      figures: {volumetric_uncertainty: 2.0e-06, volumetric_term_0: 1e-06, volumetric_term_XXY: 3e-06}}\n"
+        "      figures: {volumetric_uncertainty: 2.0e-06, volumetric_term_0: 1.0e-06, volumetric_term_XXY: 3.0e-06}}\n"
     )
     path = tmp_path / "machine.yaml"
     path.write_text(text.rstrip() + "\n" + note, encoding="utf-8")
