@@ -103,20 +103,15 @@ def calibrate_squareness(
         raise InputError(f"{job.source}: features of {len(linear)} linear axes; squareness needs two, such as X and Y")
     measured = SeenAxes(lines, linear, rotary, zero)
     check_tip(job.source, machine, measured)
-    known = known_slopes(
-        machine,
-        {letter: lines[letter] for letter in linear},
-        {letter: tracks[letter][0][0] for letter in linear},
-        np.array(reflector),
-    )
+    points = {letter: tracks[letter][0][0] for letter in linear}
+    known = known_slopes(machine, {letter: lines[letter] for letter in linear}, points, np.array(reflector))
     frame = machine_frame(machine, measured)
     fitted = _unexplained(job.source, as_seen, tracks, known, frame)
     seen = replace(measured, lines={letter: _as_scattered(line) for letter, line in fitted.items()})
     found = _square(job, linear, seen.lines)
     _check_circles(features, rotary)  # after the lines, which tell angles in another unit better
-    relations = relate_axes(
-        machine, {name: turned(line, frame) for name, line in lines.items()}, find_origin(machine, measured)
-    )
+    as_they_lie = {name: turned(line, frame) for name, line in lines.items()}
+    relations = relate_axes(machine, as_they_lie, find_origin(machine, measured))
     locations = locate(job, seen)
     mirrored = left_handed(machine, fitted)
     parts = _angles_before(machine, found, locations)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -137,23 +137,11 @@ def calibrate_straightness(
     positions, values = _table(spliced, straightness.deviations)
     known = _known(job.file.machine, name, positions, asked.place)
     values = np.asarray(values - known, dtype=np.float64)
-    doubts = find_doubts(parts, spliced, straightness, reading.noise)
-    doubts = doubts.beside(unit_doubts(axis, spliced.positions, None if mirror is None else mirror.length))
-    is_turned = len({part.segment.turned for part in parts}) == 2
-    if mirror is not None and mirror.flatness is None and not is_turned:
-        doubts = doubts.beside((UNKNOWN,), float(np.abs(straightness.deviations).max()))
-    for misplaced in placement_doubts([part.segment for part in parts], mirror, spliced):
-        doubts = doubts.beside((misplaced,), float(np.abs(straightness.deviations).max()))
+    doubts = _doubts(axis, parts, mirror, spliced, reading.noise)
     comparison = None if asked.direct is None else _compare(axis, measured, doubts, asked.direct)
     if comparison is not None and comparison.probability < FALSE_ALARM:
         doubts = doubts.beside((_difference(comparison),), comparison.largest)
-    rotated = rotate_monotone(positions, values) if asked.monotone else None
-    kept = _slope(job.file.machine, name, positions)
-    job.file.set_table(name, positions, values, None)
-    if rotated is not None:
-        job.file.set_slope(name, math.tan(rotated.angle))
-    elif abs(kept) * np.ptp(positions) > LEAST_SLOPE:
-        job.file.set_slope(name, kept)
+    kept, rotated = _write_table(job, name, positions, values, monotone=asked.monotone)
     figures = {"straightness": straightness.error, "straightness_uncertainty": doubts.error_uncertainty}
     written = job.finish([name], doubts.uncertainty, figures, doubts.misfits)
     return StraightnessResult(
@@ -172,6 +160,36 @@ def calibrate_straightness(
             *_slope_remark(kept, positions, rotated is not None),
         ),
     )
+
+
+def _write_table(
+    job: Job, name: str, positions: Array, values: Array, *, monotone: bool
+) -> tuple[float, RotatedCurve | None]:
+    """Set the table with the slope that it is to have; gives that of the file, and the curve if it is rotated."""
+    kept = _slope(job.file.machine, name, positions)
+    rotated = rotate_monotone(positions, values) if monotone else None
+    job.file.set_table(name, positions, values, None)
+    if rotated is not None:
+        job.file.set_slope(name, math.tan(rotated.angle))
+    elif abs(kept) * np.ptp(positions) > LEAST_SLOPE:
+        job.file.set_slope(name, kept)
+    return kept, rotated
+
+
+def _doubts(
+    axis: Axis, parts: Sequence[Placed], mirror: ReferenceMirror | None, spliced: SplicedProfile, noise: float
+) -> StraightnessUncertainty:
+    """How sure a spliced curve is, with what its positions and its mirror leave open."""
+    straightness = spliced.straightness()
+    doubts = find_doubts(parts, spliced, straightness, noise)
+    doubts = doubts.beside(unit_doubts(axis, spliced.positions, None if mirror is None else mirror.length))
+    is_turned = len({part.segment.turned for part in parts}) == 2
+    open_ = [UNKNOWN] if mirror is not None and mirror.flatness is None and not is_turned else []
+    open_ += placement_doubts([part.segment for part in parts], mirror, spliced)
+    for misfit in open_:
+        # all of the curve may be the mirror's
+        doubts = doubts.beside((misfit,), float(np.abs(straightness.deviations).max()))
+    return doubts
 
 
 def _slope(machine: MachineDescription, name: str, positions: Array) -> float:

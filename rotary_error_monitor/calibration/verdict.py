@@ -86,16 +86,9 @@ def judge_calibration(
     places = poses_of_terms(machine, limits)
     terms = fit_terms(machine, places, _variance(_jacobian(identification, places, poses.noise), covariance))
     uncertainty, largest = math.sqrt(float(variance.mean())), math.sqrt(float(variance.max()))
-    predicts = held_out.ratio <= held_out.limit
-    good = predicts and uncertainty <= required and not doubts
-    sentence = (
-        f"The calibration is {'good' if good else 'not good'}: it predicts the tool in the working volume to "
-        f"{uncertainty * 1e6:.2f} µm (95 % bound {bound * 1e6:.2f} µm, at worst {largest * 1e6:.2f} µm, required "
-        f"{required * 1e6:.2f} µm), and on {held_out.count} held-out poses it errs by {held_out.ratio:.2f} times what "
-        "noise and uncertainty explain"
-    )
-    sentence += "." if predicts else f", more than the {held_out.limit:.2f} of a model that holds all errors."
-    sentence = " ".join([sentence, *doubts])
+    good = held_out.ratio <= held_out.limit and uncertainty <= required and not doubts
+    sizes = (uncertainty, bound, largest, required)
+    sentence = " ".join([_sentence(held_out, *(size * 1e6 for size in sizes), good=good), *doubts])
     further = volume[choose_further_poses(identification, volume, poses)]
     return CalibrationVerdict(
         good,
@@ -108,6 +101,21 @@ def judge_calibration(
         rank_with_longer_tool(identification, poses),
         terms,
     )
+
+
+def _sentence(
+    held_out: HeldOutCheck, uncertainty: float, bound: float, largest: float, required: float, *, good: bool
+) -> str:
+    """The verdict in words, of sizes in µm."""
+    sentence = (
+        f"The calibration is {'good' if good else 'not good'}: it predicts the tool in the working volume to "
+        f"{uncertainty:.2f} µm (95 % bound {bound:.2f} µm, at worst {largest:.2f} µm, required "
+        f"{required:.2f} µm), and on {held_out.count} held-out poses it errs by {held_out.ratio:.2f} times what "
+        "noise and uncertainty explain"
+    )
+    if held_out.ratio <= held_out.limit:
+        return f"{sentence}."
+    return f"{sentence}, more than the {held_out.limit:.2f} of a model that holds all errors."
 
 
 def _jacobian(identification: Identification, places: Array, noise: float) -> Array:
