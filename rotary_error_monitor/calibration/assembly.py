@@ -153,7 +153,7 @@ def calibrate_assembly(
             document.note(name, Calibrated(day.isoformat(), source.name, digest, uncertainty, figures, doubt or None))
     contents = {files[curve.name]: curve.content(source.name, digest, day) for curve in result.curves}
     with _written_beside(contents):
-        document.save(output, load_stage)
+        document.save(output, load_stage, source)
     return replace(result, written=True)
 
 

@@ -72,7 +72,11 @@ def doubt_assembly(
     limit = CHANGED / max(1, len(changes))
     told = {change.name: change.largest for change in changes if change.probability < limit}
     misfits = [turned] if turned else []
-    misfits += [f"{change.sentence}: {_ADVICE[change.name]}" for change in changes if change.name in told]
+    zeros, moved = _head_zeros(ring, mirror)
+    for name, size in moved.items():
+        told[name] = max(told.get(name, 0.0), size)
+    misfits += [zeros] if zeros else []
+    misfits += [f"{change.sentence}: {_ADVICE[change.name]}" for change in changes if change.probability < limit]
     remarks = tuple(
         f"{change.sentence}; the shaft's motion between centres may be all of it"
         for change in _changes(stage, sure)
@@ -86,6 +90,32 @@ def doubt_assembly(
     if mirror is not None:
         mirror = _doubted(mirror, told.get("mirror.tilt", 0.0), told.get("mirror.flatness", 0.0))
     return Doubts(ring, mirror, tuple(misfits), remarks)
+
+
+def _head_zeros(ring: RingAssembly, mirror: MirrorAssembly | None) -> tuple[str, dict[str, float]]:
+    """Heads whose zeros are so far apart that it is open where ring and mirror lie, in words, and by how much.
+
+    The angle of the ring is the mean of the heads: one that is turned turns all phases, and none shows which it is.
+    """
+    offsets = np.array(ring.head_offsets)
+    apart = np.abs(np.angle(np.exp(1j * (offsets - np.median(offsets)))))
+    chord = 2 * float(np.sin(min(apart.max(initial=0.0), np.pi) / 2))
+    moved = {"encoder.eccentricity": chord * float(np.hypot(*ring.eccentricity))}
+    known = {"encoder.eccentricity": max(ring.eccentricity_std)}
+    if mirror is not None:
+        moved["mirror.tilt"], known["mirror.tilt"] = chord * float(np.hypot(*mirror.tilt)), max(mirror.tilt_std)
+    if all(size <= SIGNIFICANT * known[name] for name, size in moved.items()):
+        return "", {}
+    moved["encoder.graduation"] = max(
+        (min(2.0, row.order * chord) * float(np.hypot(row.cos, row.sin)) for row in ring.graduation), default=0.0
+    )
+    where = ", ".join(f"{number}: {offset:+.3f}" for number, offset in enumerate(offsets, start=1))
+    open_by = moved["encoder.eccentricity"] * 1e6
+    return (
+        f"heads: their zeros are up to {apart.max():.3f} rad apart ({where} rad from the mean, in the order of the "
+        f"file), so that it is open by {open_by:.1f} µm where the ring lies: state the zero of each head, or set it",
+        moved,
+    )
 
 
 def _centred(mirror: MirrorAssembly, centres: Centres, turned: float) -> MirrorAssembly:

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.calibration.axis_doubts import implausible_lengths, left_handed, less_sure
 from rotary_error_monitor.calibration.axis_location import (
     ZERO,
@@ -28,6 +29,7 @@ from rotary_error_monitor.calibration.axis_location import (
     turned,
 )
 from rotary_error_monitor.calibration.axis_table import AxisRelation, relate_axes
+from rotary_error_monitor.calibration.known_slopes import KnownSlope, known_slopes
 from rotary_error_monitor.calibration.machine_file import SQUARENESS, location_name
 from rotary_error_monitor.calibration.steps import Job
 from rotary_error_monitor.calibration.tracker_features import Feature, check_circle, check_line, read_tracker
@@ -61,6 +63,7 @@ class SquarenessResult:
         scatter: (axis, how many times the stated noise its points scatter), where that is more than chance makes it.
         misfits: what does not fit, in words.
         written: whether the file was written.
+        known: what the file's errors make of the lines of linear axes, which squareness is without, by letter.
     """
 
     squareness: tuple[tuple[str, str, float, float], ...]
@@ -70,9 +73,12 @@ class SquarenessResult:
     scatter: tuple[tuple[str, float], ...]
     misfits: tuple[str, ...]
     written: bool
+    known: Mapping[str, KnownSlope] = field(default_factory=dict)
 
 
-def calibrate_squareness(job: Job, noise: TrackerNoise) -> SquarenessResult:
+def calibrate_squareness(
+    job: Job, noise: TrackerNoise, reflector: tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> SquarenessResult:
     """Tracker readings along axes into squareness errors, and of rotary axes and spindle into their location errors.
 
     Features are named by axis: X, Y, Z for points along a linear axis; C.1, C.2, … for targets that a rotary axis
@@ -80,7 +86,8 @@ def calibrate_squareness(job: Job, noise: TrackerNoise) -> SquarenessResult:
     the order of the bodies: the first linear one is the reference, each other is squared against those before it. A
     rotary axis has a tilt; the distance from the first rotary axis goes to the later ones. Where readings of the tool
     tip at zero are there as well (feature `zero`), axes that carry the workpiece are located in the machine's
-    coordinates.
+    coordinates. Of the lines of linear axes that is taken off which the file's error components make of them for a
+    `reflector` there, m, in the frame of the tool (of the workpiece, where the axis carries that).
 
     Raises:
         InputError: the table is wrong, a feature is no axis of the machine, fewer than two linear axes were measured,
@@ -89,19 +96,22 @@ def calibrate_squareness(job: Job, noise: TrackerNoise) -> SquarenessResult:
     machine = job.file.machine
     features = read_tracker(job.source, job.layout)
     tracks, zero = _tracks(features, machine, noise)
-    fitted = _axis_lines(job.source, machine, tracks)
-    lines = {letter: _as_scattered(line) for letter, line in fitted.items()}
+    as_seen = _axis_lines(job.source, machine, tracks)
+    lines = {letter: _as_scattered(line) for letter, line in as_seen.items()}
     linear, rotary = _in_order(machine, lines)
     if len(linear) < 2:
         raise InputError(f"{job.source}: features of {len(linear)} linear axes; squareness needs two, such as X and Y")
-    seen = SeenAxes(lines, linear, rotary, zero)
-    check_tip(job.source, machine, seen)
-    found = _square(job, linear, lines)
+    measured = SeenAxes(lines, linear, rotary, zero)
+    check_tip(job.source, machine, measured)
+    points = {letter: tracks[letter][0][0] for letter in linear}
+    known = known_slopes(machine, {letter: lines[letter] for letter in linear}, points, np.array(reflector))
+    frame = machine_frame(machine, measured)
+    fitted = _unexplained(job.source, as_seen, tracks, known, frame)
+    seen = replace(measured, lines={letter: _as_scattered(line) for letter, line in fitted.items()})
+    found = _square(job, linear, seen.lines)
     _check_circles(features, rotary)  # after the lines, which tell angles in another unit better
-    frame = machine_frame(machine, seen)
-    relations = relate_axes(
-        machine, {name: turned(line, frame) for name, line in lines.items()}, find_origin(machine, seen)
-    )
+    as_they_lie = {name: turned(line, frame) for name, line in lines.items()}
+    relations = relate_axes(machine, as_they_lie, find_origin(machine, measured))
     locations = locate(job, seen)
     mirrored = left_handed(machine, fitted)
     parts = _angles_before(machine, found, locations)
@@ -115,7 +125,25 @@ def calibrate_squareness(job: Job, noise: TrackerNoise) -> SquarenessResult:
         {name: (math.hypot(own, wrong), figures.get(name, {})) for name, (_, own) in parts.items()}, misfits
     )
     scatter = tuple((letter, line.ratio) for letter, line in fitted.items() if _scatters(line))
-    return SquarenessResult(tuple(found), locations, relations, seen.reference, scatter, misfits, written)
+    return SquarenessResult(tuple(found), locations, relations, seen.reference, scatter, misfits, written, known)
+
+
+def _unexplained(
+    source: Path,
+    lines: Mapping[str, LineFit],
+    tracks: Mapping[str, list[Points]],
+    known: Mapping[str, KnownSlope],
+    frame: Array,
+) -> dict[str, LineFit]:
+    """Lines through points without what the file's errors make of them; `frame` turns directions into the machine's."""
+    result = dict(lines)
+    for letter, each in known.items():
+        points, covariances = tracks[letter][0]
+        with told_of(f"{source}: feature {letter}"):
+            line = fit_line_in_space(points - each.departures @ frame, covariances)
+        across = each.doubt**2 * (np.eye(3) - np.outer(line.direction, line.direction))
+        result[letter] = replace(line, direction_covariance=line.direction_covariance + across)
+    return result
 
 
 def _square(job: Job, linear: Sequence[str], lines: Mapping[str, LineFit]) -> list[tuple[str, str, float, float]]:

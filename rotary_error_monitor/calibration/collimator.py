@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import date
 from pathlib import Path
@@ -30,7 +30,7 @@ from rotary_error_monitor.metrology.two_axis_calibration import (
     calibrate_two_axes,
 )
 from rotary_error_monitor.metrology.two_axis_fit import NAMES, ReferenceUncertainty, numbers_of, response_of
-from rotary_error_monitor.metrology.two_axis_steps import StepReadings
+from rotary_error_monitor.metrology.two_axis_steps import StepReadings, StrayReading, find_stray_readings
 from rotary_error_monitor.units import ARCSEC
 
 PART = "autocollimator"
@@ -137,11 +137,19 @@ def _result(
         InputError: they do not tell.
     """
     described = stage.tilt_instrument.range
+    strays = find_stray_readings(steps, false_alarm=FALSE_ALARM)
     with told_of(source):
-        calibration = calibrate_two_axes(steps, _instrument(stage), reference)
+        clean = calibrate_two_axes(steps.without([each.row for each in strays]), _instrument(stage), reference)
+        calibration = calibrate_two_axes(steps, _instrument(stage), reference) if strays else clean
+    remarks = _strays(steps, strays)
+    if drop_outliers:
+        calibration, strays = clean, ()
     before = stage.response(PART)
     response = _as_before(calibration.response, before, keep)
     misfits, doubts = _doubts(calibration, stage, response, keep, drop_outliers, quadrants is not None)
+    if strays:
+        misfits += [f"{each}; --drop-outliers leaves it out" for each in remarks]
+        doubts = np.hypot(doubts, np.abs(numbers_of(calibration.response) - numbers_of(clean.response)))
     spread = max(1.0, calibration.fit.chi_square / calibration.fit.freedom) if _left(calibration) else 1.0
     calibration = replace(calibration, covariance=calibration.covariance * spread + np.diag(doubts**2))
     return CollimatorResult(
@@ -153,8 +161,24 @@ def _result(
         (_range(calibration, described), described),
         quadrants,
         tuple(misfits),
-        (*_remarks(calibration, described), *_moved_zero(calibration, response)),
+        (
+            *_remarks(calibration, described),
+            *_moved_zero(calibration, response),
+            *(() if strays else (f"{each}; left out" for each in remarks)),
+        ),
     )
+
+
+def _strays(steps: StepReadings, strays: Sequence[StrayReading]) -> list[str]:
+    """Readings that stand off from the others of their step, in words."""
+    words = []
+    for each in strays:
+        line = "" if steps.lines is None else f" (line {steps.lines[each.row]})"
+        words.append(
+            f"step {steps.names[steps.step[each.row]]}: a reading{line} is {each.excess * ARCSEC:+.3f} arcsec from the "
+            f"others about {'xy'[each.axis]}, {each.ratio:.1f} standard deviations"
+        )
+    return words
 
 
 def _instrument(stage: StageDescription) -> InstrumentPrior:
@@ -318,7 +342,7 @@ def _write(result: CollimatorResult, source: Path, stage_file: Path, output: Pat
     digest, remark = hash_source(source), "; ".join(result.misfits) or None
     uncertainty = float(result.expanded.max()) / COVERAGE
     document.note(PART, Calibrated(day.isoformat(), source.name, digest, uncertainty, figures, remark))
-    document.save(output, load_stage)
+    document.save(output, load_stage, source)
 
 
 def _figures(result: CollimatorResult) -> dict[str, float]:

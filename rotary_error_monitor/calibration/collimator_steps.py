@@ -71,7 +71,7 @@ def read_steps(path: Path, quadrants: Quadrants, layout: ColumnLayout | None = N
     first = np.concatenate([[0], np.flatnonzero(np.diff(step)) + 1])
     voltages = VOLTAGES[0] in table.numbers
     readings = _from_voltages(table, quadrants) if voltages else _pair(table, "tilt")
-    return StepReadings(names, reference[first], step, readings, times), voltages
+    return StepReadings(names, reference[first], step, readings, times, table.lines), voltages
 
 
 def _choices() -> Iterator[list[Column]]:

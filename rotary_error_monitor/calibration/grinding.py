@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.calibration.known_readings import known_readings
 from rotary_error_monitor.calibration.straightness_doubts import LEAST_OF_TRAVEL
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.description.machine_parts import Axis
@@ -163,7 +164,7 @@ def _check_workpiece(machine: MachineDescription, workpiece: Workpiece) -> None:
 
 
 def _curve(machine: MachineDescription, axis: Axis, up: int, at: Array) -> WorkpieceCurve:
-    """Straightness of a feed axis at positions (n,) m, cut from the curve of its whole guideway."""
+    """Straightness of a feed axis at the wheel, positions (n,) m, cut from the curve of its whole guideway."""
     number = machine.letters.index(axis.letter)
     component = machine.errors.get(f"E{'XYZ'[up]}{axis.letter}")
     nodes = np.linspace(*axis.travel, ROWS)
@@ -171,7 +172,10 @@ def _curve(machine: MachineDescription, axis: Axis, up: int, at: Array) -> Workp
         nodes = _among(np.array(component.table.positions), nodes)
     positions = np.zeros((len(machine.axes), nodes.size))
     positions[number] = nodes
-    stated = _side(machine, axis.letter) * arrange_components(machine).at(positions, None, None)[up, number]
+    # angular errors lift the surface too, by the lever of the wheel
+    lifted = arrange_components(machine).at(positions, None, None)[up, number]
+    lifted = lifted + known_readings(machine, axis.letter, {f"E{'XYZ'[up]}{axis.letter}": 1.0}, nodes)
+    stated = _side(machine, axis.letter) * lifted
     level = estimate_straightness(nodes, stated).deviations
     return cut_workpiece(nodes, level, rotate_as_stated(nodes, stated), at)
 

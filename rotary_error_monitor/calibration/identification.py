@@ -20,6 +20,7 @@ from scipy.linalg import qr
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.calibration.parameters import MachineParameter, apply_parameters, value_of
+from rotary_error_monitor.calibration.pose_outliers import OutlyingPose, find_outlying_poses
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.error_model import predict_tool_offset
@@ -61,6 +62,7 @@ class ProbedPoses:
         deviations: (n, 3) tool tip as it is minus as it should be, in the workpiece's frame, m.
         noise: standard deviation of a deviation's component, m.
         remarks: what was not believed of them.
+        lines: (n,) line of each in its file; None of a bag.
     """
 
     positions: Array
@@ -69,6 +71,7 @@ class ProbedPoses:
     deviations: Array
     noise: float
     remarks: tuple[str, ...] = ()
+    lines: NDArray[np.int64] | None = None
 
     def chosen(self, rows: NDArray[np.bool_]) -> ProbedPoses:
         """Some of the poses."""
@@ -78,7 +81,12 @@ class ProbedPoses:
             direction=self.direction[rows],
             temperature=self.temperature[rows],
             deviations=self.deviations[rows],
+            lines=None if self.lines is None else self.lines[rows],
         )
+
+    def name(self, number: int) -> str:
+        """What a pose, from 0, is called in words: its number from 1 and where it stands in its file."""
+        return f"pose {number + 1}" + ("" if self.lines is None else f" (line {self.lines[number]})")
 
 
 @dataclass(frozen=True)
@@ -110,6 +118,7 @@ class Identification:
         condition: largest over smallest singular value among those.
         residual_ratio: root mean square of the residuals over the noise, freedom counted.
         too_small: p-value of residuals as small, if the noise is as stated.
+        outlying: poses that stand off from what the others let expect, worst first.
     """
 
     machine: MachineDescription
@@ -123,6 +132,7 @@ class Identification:
     condition: float
     residual_ratio: float
     too_small: float
+    outlying: tuple[OutlyingPose, ...] = ()
 
     @property
     def standard_uncertainty(self) -> Array:
@@ -182,7 +192,27 @@ def identify_machine(
         condition=float(singular[0] / singular[rank - 1]) if rank else math.inf,
         residual_ratio=math.sqrt(square / freedom),
         too_small=chi_square_up_to(square, freedom),
+        outlying=find_outlying_poses(left[:, :rank].reshape(-1, 3, rank), residual.reshape(-1, 3)),
     )
+
+
+def drop_outlying(
+    start: MachineDescription, parameters: Sequence[MachineParameter], poses: ProbedPoses, found: Identification
+) -> tuple[Identification, NDArray[np.bool_], tuple[OutlyingPose, ...]]:
+    """Leave out poses that stand off, the worst first and each beside all that are left: one pulls the fit at others.
+
+    Gives the machine without them, (n,) which poses it is from, and those that were left out. `found` is of all poses.
+
+    Raises:
+        InputError: what `identify_machine` raises.
+    """
+    kept, dropped = np.ones(len(poses.positions), dtype=np.bool_), list[OutlyingPose]()
+    while found.outlying and kept.sum() > _HELD:
+        worst = found.outlying[0]
+        dropped.append(replace(worst, number=int(np.flatnonzero(kept)[worst.number])))
+        kept[dropped[-1].number] = False
+        found = identify_machine(start, parameters, poses.chosen(kept))
+    return found, kept, tuple(dropped)
 
 
 def estimate_jacobian(machine: MachineDescription, parameters: Sequence[MachineParameter], poses: ProbedPoses) -> Array:

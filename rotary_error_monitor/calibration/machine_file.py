@@ -130,13 +130,14 @@ class MachineFile:
         for name in names:
             self._document.note(name, provenance)
 
-    def save(self, path: Path) -> MachineDescription:
+    def save(self, path: Path, source: Path | None = None) -> MachineDescription:
         """Write the file, whole or not at all, and give the description that is now in it.
 
         Raises:
-            InputError: what was set breaks the schema of machine files; nothing is written then.
+            InputError: what was set breaks the schema of machine files; it names the `source` of what was set, and
+                nothing is written then.
         """
-        return self._document.save(path, load_machine)
+        return self._document.save(path, load_machine, source)
 
     def _noted(self, names: Sequence[str]) -> str:
         """Which of the parts has been calibrated by itself before and is now superseded, or the machine as a whole."""

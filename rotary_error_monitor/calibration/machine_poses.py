@@ -16,7 +16,9 @@ import numpy as np
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.bags.reader import BagReader
+from rotary_error_monitor.calibration.copies import refuse_copies
 from rotary_error_monitor.calibration.identification import ProbedPoses
+from rotary_error_monitor.calibration.known_readings import ReadingPlace
 from rotary_error_monitor.calibration.measurements import ANGLE, LENGTH, LINEAR_ERROR, TRAVEL_SLACK
 from rotary_error_monitor.codec.contents import Content, JointState, PointStamped, Temperature
 from rotary_error_monitor.description.column_layout import ColumnLayout
@@ -114,8 +116,10 @@ def _poses_of_table(path: Path, machine: MachineDescription, noise: float, layou
     table = read_table(path, [[*axes, *ways, *rest], [*axes, *rest]], layout=layout)
     poses = _poses_of(table, machine, path)
     deviations = np.stack([table.numbers[column.name] for column in rest[1:]], axis=1)
+    named = {f"pose {row + 1}": [row] for row in range(len(deviations))}
+    refuse_copies(table, named, np.concatenate([poses.positions, poses.direction], axis=1), deviations, noise)
     temperature, remarks = _temperatures(poses.temperature, machine)
-    return ProbedPoses(poses.positions, poses.direction, temperature, deviations, noise, remarks)
+    return ProbedPoses(poses.positions, poses.direction, temperature, deviations, noise, remarks, table.lines)
 
 
 def _directions_of(table: Table, columns: Sequence[Column]) -> Array:
@@ -197,8 +201,10 @@ def check_within_travel(where: str, machine: MachineDescription, pose: Array) ->
             )
 
 
-def read_positioning_poses(path: Path | str, machine: MachineDescription, letter: str) -> PositioningRuns:
-    """Bidirectional runs of one axis from a bag of probed poses in which no other axis moves.
+def read_positioning_poses(
+    path: Path | str, machine: MachineDescription, letter: str
+) -> tuple[PositioningRuns, ReadingPlace]:
+    """Bidirectional runs of one axis from a bag of probed poses in which no other axis moves, and where it stood.
 
     The deviation is the tool's along the way that the axis moves it; of a rotary axis, over the tool's distance from
     the axis, so that what moves the tool along besides (radial error motions, a displaced axis) counts in. The cycle is
@@ -226,7 +232,9 @@ def read_positioning_poses(path: Path | str, machine: MachineDescription, letter
             values[: len(row)] = row
     with told_of(path):
         backward = runs[-1] if runs[-1].size else None
-        return PositioningRuns(targets * SAME_POSITION, runs[1], backward, axis.kind == "rotary")
+        found = PositioningRuns(targets * SAME_POSITION, runs[1], backward, axis.kind == "rotary")
+    stood = dict(zip(machine.letters, map(float, poses.positions[0]), strict=True))
+    return found, ReadingPlace(stood, temperature=float(poses.temperature.mean()), whole=True)
 
 
 def _own_deviations(path: Path | str, machine: MachineDescription, number: int, poses: ProbedPoses) -> Array:

@@ -17,6 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.calibration.copies import refuse_copies
+from rotary_error_monitor.calibration.quietness import FINEST_ANGLE, FINEST_LENGTH
 from rotary_error_monitor.description.column_layout import ColumnLayout
 from rotary_error_monitor.description.csv_tables import Column, Table, read_table
 from rotary_error_monitor.description.machine_parts import Axis
@@ -49,7 +51,8 @@ def read_positioning(path: Path | str, *, rotary: bool, layout: ColumnLayout | N
     With a `layout` from a table as an instrument writes it.
 
     Raises:
-        InputError: what `read_table` raises, a direction other than 1 and -1, or a run whose targets do not go one way.
+        InputError: what `read_table` raises, a direction other than 1 and -1, a run whose targets do not go one way, or
+            a cycle that is another one once more.
     """
     common = [Column("direction"), Column("cycle")]
     if rotary:
@@ -66,6 +69,9 @@ def read_positioning(path: Path | str, *, rotary: bool, layout: ColumnLayout | N
         deviations = estimate_deviations(targets, table.numbers[measured[1].name], rotary=rotary)
         _check_size(table, deviations, measured[0])
     _check_runs(table, targets, target)
+    cycle, places = table.numbers["cycle"], np.stack([targets, table.numbers["direction"]], axis=1)
+    named = {f"cycle {each:g}": np.flatnonzero(cycle == each).tolist() for each in np.unique(cycle)}
+    refuse_copies(table, named, places, deviations, FINEST_ANGLE if rotary else FINEST_LENGTH)
     values = np.unique(targets)
     cycles = np.unique(table.numbers["cycle"])
     if len(values) * len(cycles) > EMPTIEST * len(targets):
@@ -143,7 +149,8 @@ def read_straightness(
 
     Raises:
         InputError: what `read_table` raises, a position beyond the travel, a run that does not go one way, a gap in
-            one, a mirror that is turned within a segment, or a segment of too few positions.
+            one, a mirror that is turned within a segment, a segment of too few positions, or a run that is another one
+            once more.
     """
     columns = [
         Column("segment", text=True),
@@ -159,6 +166,9 @@ def read_straightness(
     groups: dict[tuple[str, str], list[int]] = {}
     for row, key in enumerate(zip(table.words["segment"], table.words["run"], strict=True)):
         groups.setdefault(key, []).append(row)
+    named = {f"segment {segment}, run {run}": rows for (segment, run), rows in groups.items()}
+    places = np.stack([table.numbers["position_mm"], table.numbers["direction"], sides], axis=1)
+    refuse_copies(table, named, places, table.numbers["reading_um"], FINEST_LENGTH)
     segments: dict[str, Placement] = {}
     for (segment, run), rows in groups.items():
         positions = table.numbers["position_mm"][rows]

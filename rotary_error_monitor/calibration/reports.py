@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,9 @@ from rotary_error_monitor.calibration.axis_lines import SquarenessResult
 from rotary_error_monitor.calibration.axis_location import ZERO
 from rotary_error_monitor.calibration.axis_table import AxisRelation
 from rotary_error_monitor.calibration.controller_tables import CompensationChange
-from rotary_error_monitor.calibration.steps import MachineResult, PositioningResult
+from rotary_error_monitor.calibration.known_slopes import BESIDE
+from rotary_error_monitor.calibration.machine_step import MachineResult
+from rotary_error_monitor.calibration.steps import PositioningResult
 from rotary_error_monitor.calibration.volume import ErrorCost, UncertainOffsets
 from rotary_error_monitor.machine.location_names import SPINDLE
 from rotary_error_monitor.metrology.repeated_runs import FALSE_ALARM
@@ -91,6 +93,7 @@ def squareness_text(result: SquarenessResult, output: Path) -> str:
     lines = ["squareness errors (angle less 90 degrees), µrad"]
     for letter, other, angle, uncertainty in result.squareness:
         lines.append(f"  {letter} to {other}: {angle * 1e6:+.2f}, standard uncertainty {uncertainty * 1e6:.2f}")
+    lines += _known_lines(result)
     for letter, found in result.locations.items():
         name = letter if letter == SPINDLE else f"axis {letter}"
         lines.append(
@@ -111,6 +114,24 @@ def squareness_text(result: SquarenessResult, output: Path) -> str:
     for letter, ratio in result.scatter:
         lines.append(f"  the points of {letter} scatter {ratio:.2f} times the noise, which the uncertainty counts")
     return "\n".join([*lines, ending(result.misfits, result.written, output)])
+
+
+def _known_lines(result: SquarenessResult) -> Iterator[str]:
+    """What errors of the file make of the lines, where that is more than a tenth of what the lines are unsure by."""
+    least = 0.1 * max(uncertainty for *_, uncertainty in result.squareness)
+    for letter, known in result.known.items():
+        if max(float(np.abs(known.slope).max()), known.doubt, known.lever) <= least:
+            continue
+        place = "as the lines cross" if known.is_placed else "points taken to lie about mid-travel"
+        text = (
+            f"  without the slope of {letter} by errors of the file: ({_micro(known.slope)}) µrad along x, y, z, from "
+        )
+        text += f"{known.begin * 1e3:.4g} mm on ({place})"
+        if known.doubt > least:
+            text += f"; elsewhere on the travel another by {known.doubt * 1e6:.2f}, which the uncertainty counts"
+        if known.lever > least:
+            text += f"; by a reflector {BESIDE * 1e3:g} mm off another by up to {known.lever * 1e6:.2f}"
+        yield text
 
 
 def _relation_lines(rows: Sequence[AxisRelation]) -> list[str]:

@@ -11,19 +11,17 @@ from pathlib import Path
 import numpy as np
 
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.calibration.identification import Identification, check_held_out, identify_machine
+from rotary_error_monitor.calibration.known_readings import BESIDE, ReadingPlace, known_readings, largest_lever
 from rotary_error_monitor.calibration.machine_file import MachineFile
-from rotary_error_monitor.calibration.machine_poses import read_positioning_poses, read_probed_poses
+from rotary_error_monitor.calibration.machine_poses import read_positioning_poses
 from rotary_error_monitor.calibration.measurements import read_positioning
-from rotary_error_monitor.calibration.parameters import Orders, list_parameters
-from rotary_error_monitor.calibration.verdict import CalibrationVerdict, judge_calibration
-from rotary_error_monitor.calibration.volume import Limits
+from rotary_error_monitor.calibration.quietness import quiet_angle, quiet_length
 from rotary_error_monitor.calibration.yaml_document import hash_source
 from rotary_error_monitor.description.column_layout import ColumnLayout
-from rotary_error_monitor.description.machine import DIRECTIONS, VOLUMETRIC, MachineDescription
+from rotary_error_monitor.description.machine import DIRECTIONS, MachineDescription
 from rotary_error_monitor.description.machine_parts import Axis
 from rotary_error_monitor.description.provenance import Calibrated
-from rotary_error_monitor.errors import InputError, told_of
+from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.components import arrange_components
 from rotary_error_monitor.metrology.positioning import (
     Outlier,
@@ -31,18 +29,13 @@ from rotary_error_monitor.metrology.positioning import (
     PositioningRuns,
     check_standard_test,
     estimate_positioning,
+    find_jumps,
     find_outliers,
     remove_outliers,
 )
 from rotary_error_monitor.metrology.positioning_bounds import PositioningBounds, bound_positioning
 from rotary_error_monitor.metrology.repeated_runs import FALSE_ALARM
 from rotary_error_monitor.units import ARCSEC, TURN
-
-FINEST_LENGTH = 1e-9
-"""Standard deviation, m, below which no interferometer in air repeats: its resolution, and 1e-9 of a metre of air."""
-
-FINEST_ANGLE = 1e-3 / ARCSEC
-"""The same of a rotary axis, rad: a fifth of the resolution of the finest autocollimators."""
 
 LARGEST_GAP = 1.2
 """Targets of a rotary axis further apart, rad, do not go all round."""
@@ -102,7 +95,7 @@ class Job:
         for name, (uncertainty, figures) in parts.items():
             provenance = Calibrated(self.day.isoformat(), self.source.name, known, uncertainty, figures, remark)
             self.file.note([name], provenance)
-        self.file.save(self.output)
+        self.file.save(self.output, self.source)
         return True
 
 
@@ -137,31 +130,34 @@ class PositioningResult:
 
 
 def calibrate_positioning(
-    job: Job, letter: str, *, drop_outliers: bool = False, instrument: float = 0.0
+    job: Job,
+    letter: str,
+    *,
+    drop_outliers: bool = False,
+    instrument: float = 0.0,
+    place: ReadingPlace | None = None,
 ) -> PositioningResult:
     """ISO 230-2 test of one axis into the table of its positioning error.
 
     Outliers are told. A test that holds such as clean readings hardly ever do is written without them, or by force.
-    `instrument` is the standard uncertainty of the instrument's difference between two positions, m or rad.
+    `instrument` is the standard uncertainty of the instrument's difference between two positions, m or rad; where it
+    read, and at what temperature, is the `place`, which a bag tells itself. What the file's other errors make there of
+    the readings is in the figures, and not in the table.
 
     Raises:
         InputError: the machine has no such axis, the table is wrong, or its targets leave the travel.
     """
-    axis = job.file.machine.axis(letter)
+    axis, place = job.file.machine.axis(letter), place or ReadingPlace()
     if job.is_table:
         runs = read_positioning(job.source, rotary=axis.kind == "rotary", layout=job.layout)
     else:
-        runs = read_positioning_poses(job.source, job.file.machine, letter)
+        runs, place = read_positioning_poses(job.source, job.file.machine, letter)
     check_travel(axis, runs.targets, job.source)
     outliers = find_outliers(runs)
     used = remove_outliers(runs, outliers) if drop_outliers else runs
     figures, bounds = estimate_positioning(used), bound_positioning(used, instrument)
-    positions = _over_travel(axis, runs.targets)
-    forward = _repeated(positions, runs.targets, figures.forward.mean)
-    backward = None if figures.backward is None else _repeated(positions, runs.targets, figures.backward.mean)
-    components = axis.positioning_shares
-    for name, share in components.items():
-        job.file.set_table(name, positions, share * forward, None if backward is None else share * backward)
+    known = _known(job.file.machine, axis, runs.targets, place)
+    positions, components = _set_tables(job.file, axis, figures, known), axis.positioning_shares
     uncertainty = math.hypot(_largest_uncertainty(figures), instrument)
     misfits = () if drop_outliers else _outlying_readings(find_outliers(runs, false_alarm=FALSE_ALARM), runs)
     if misfits:
@@ -169,14 +165,44 @@ def calibrate_positioning(
     share = share_of_travel(axis, positions)
     if share < LEAST_TARGETS and (axis.kind == "linear" or np.ptp(positions) < TURN / 2):
         misfits += (f"the targets cover {share:.2%} of the travel of {letter}: are they in another unit?",)
+    misfits += (*_jumps(runs), *_too_quiet(figures, runs))
     lost = _across(job.file.machine, axis, positions)
     written = job.finish([*components], uncertainty, _noted(figures, bounds), misfits)
-    remarks = (*check_standard_test(runs), *_positioning_remarks(job, runs, share, lost, [*components], uncertainty))
-    remarks += _too_quiet(figures, runs.rotary)
+    remarks = (
+        *check_standard_test(runs),
+        *_positioning_remarks(job, runs, share, lost, [*components], uncertainty),
+        *_ahead(bounds),
+        *_known_remarks(job.file.machine, axis, runs.targets, known, place, uncertainty),
+    )
     return PositioningResult(
         ", ".join(components),
         *(runs, figures, bounds, instrument, outliers, drop_outliers, remarks, uncertainty, misfits, written),
     )
+
+
+def _known(machine: MachineDescription, axis: Axis, targets: Array, place: ReadingPlace) -> tuple[Array, Array]:
+    """What other errors of the file make of readings at targets (n,), forward and backward, m or rad.
+
+    An angle that an instrument reads has nothing of them; one that is told from a tool tip has.
+    """
+    if axis.kind == "rotary" and not place.whole:
+        return np.zeros_like(targets), np.zeros_like(targets)
+    shares = axis.positioning_shares
+    forward, backward = (
+        known_readings(machine, axis.letter, shares, targets, direction=way, place=place) for way in (1.0, -1.0)
+    )
+    return forward, backward
+
+
+def _set_tables(file: MachineFile, axis: Axis, figures: PositioningFigures, known: tuple[Array, Array]) -> Array:
+    """Write means without what is `known` of them to the components of an axis, and give the positions of the table."""
+    targets = figures.targets
+    positions = _over_travel(axis, targets)
+    forward = _repeated(positions, targets, figures.forward.mean - known[0])
+    backward = None if figures.backward is None else _repeated(positions, targets, figures.backward.mean - known[1])
+    for name, share in axis.positioning_shares.items():
+        file.set_table(name, positions, share * forward, None if backward is None else share * backward)
+    return positions
 
 
 def _positioning_remarks(
@@ -192,18 +218,57 @@ def _positioning_remarks(
         yield "told from a tool tip: radial error motions and a displaced axis count into the angle"
 
 
-def _too_quiet(figures: PositioningFigures, rotary: bool) -> tuple[str, ...]:
-    """A remark on runs that repeat better than any instrument for such axes does."""
+def _ahead(bounds: PositioningBounds) -> tuple[str, ...]:
+    """A remark on an axis that goes too far where play would hold it back."""
+    if bounds.bidirectional is None or bounds.bidirectional.mean_reversal_error[0] <= 0:
+        return ()
+    return (
+        "from below it stands further than from above, and play makes the contrary: a controller that compensates too "
+        "much, or directions of the other side?",
+    )
+
+
+def _known_remarks(
+    machine: MachineDescription,
+    axis: Axis,
+    targets: Array,
+    known: Sequence[Array],
+    place: ReadingPlace,
+    uncertainty: float,
+) -> Iterator[str]:
+    """What other errors of the file make of the readings (n,) in each direction, and what was assumed for it."""
+    scale, unit = (ARCSEC, "arcsec") if axis.kind == "rotary" else (1e6, "µm")
+    size = max(float(np.ptp(each)) for each in known)
+    if size > uncertainty / 10:
+        yield f"the table is without {size * scale:.3g} {unit} that other errors of the file make of the readings"
+    if axis.kind == "rotary" or place.whole:
+        return
+    lever = largest_lever(machine, axis.letter, axis.positioning_shares, targets, place)
+    if lever > uncertainty / 10:
+        yield (
+            f"read at the tool's origin{_beside(place)}: {BESIDE * 1e3:g} mm beside it angular errors of the file make "
+            f"up to {lever * 1e6:.3g} µm of it (--beside-mm, --at)"
+        )
+    warmer = abs(axis.expansion) * float(np.ptp(targets))
+    if warmer > uncertainty / 10:
+        degrees = machine.reference_temperature if place.temperature is None else place.temperature
+        taken = " is taken for its temperature" if place.temperature is None else ""
+        yield f"axis {axis.letter} at {degrees:g} °C{taken}: each kelvin makes {warmer * 1e6:.3g} µm (--temperature-c)"
+
+
+def _beside(place: ReadingPlace) -> str:
+    if not any(place.beside):
+        return ""
+    return " and ({:g}, {:g}, {:g}) mm from it".format(*(1e3 * each for each in place.beside))
+
+
+def _too_quiet(figures: PositioningFigures, runs: PositioningRuns) -> tuple[str, ...]:
+    """Runs that repeat better than any instrument for such axes does, in words."""
     ways = [figures.forward] if figures.backward is None else [figures.forward, figures.backward]
     scatter = max(float(way.spread.max()) for way in ways)
-    if scatter == 0.0 or scatter >= (FINEST_ANGLE if rotary else FINEST_LENGTH):
-        return ()
-    shown = f"{scatter * ARCSEC:.2g} arcsec" if rotary else f"{scatter * 1e6:.2g} µm"
-    finest = f"{FINEST_ANGLE * ARCSEC:g} arcsec" if rotary else f"{FINEST_LENGTH * 1e6:g} µm"
-    return (
-        f"runs scatter by {shown} at most, and no instrument repeats to {finest} over a travel: are the deviations in "
-        "the unit of the header?",
-    )
+    errors = max(float(np.abs(way.mean).max()) for way in ways)
+    doubt = quiet_angle(scatter, errors) if runs.rotary else quiet_length(scatter, errors, float(np.ptp(runs.targets)))
+    return () if doubt is None else (f"runs scatter by {doubt}",)
 
 
 def _largest_uncertainty(figures: PositioningFigures) -> float:
@@ -237,6 +302,21 @@ def _outlying_readings(outliers: Sequence[Outlier], runs: PositioningRuns) -> tu
     )
 
 
+def _jumps(runs: PositioningRuns) -> tuple[str, ...]:
+    """Steps within a cycle after which readings stay elsewhere, in words."""
+    found = find_jumps(runs, false_alarm=FALSE_ALARM)
+    if not found:
+        return ()
+    worst, (scale, unit) = found[0], (ARCSEC, "arcsec") if runs.rotary else (1e6, "µm")
+    length, name = (180 / math.pi, "deg") if runs.rotary else (1e3, "mm")
+    places = " and ".join(f"{runs.targets[at] * length:g} {name} ({way:+d})" for at, way in (worst.before, worst.after))
+    return (
+        f"cycle {worst.cycle + 1}: readings step by {worst.size * scale:+.3f} {unit} between {places}, by "
+        f"{worst.ratio:.1f} standard deviations of what they do there in other cycles: was the beam broken, or did an "
+        "optic slip? Measure the cycle again",
+    )
+
+
 def _moved_by(outliers: Sequence[Outlier], figures: PositioningFigures) -> float:
     """How far outliers move the mean of a target at most, m or rad."""
     moved: dict[tuple[int, int], float] = {}
@@ -265,40 +345,6 @@ def _repeated(positions: Array, targets: Array, errors: Array) -> Array:
     measured = np.interp(positions, targets, errors)
     inside = (positions >= targets[0]) & (positions <= targets[-1])
     return np.where(inside, measured, np.interp(positions, targets, errors, period=TURN))
-
-
-@dataclass(frozen=True)
-class MachineResult:
-    """What identification found, the verdict on it, and whether the file was written."""
-
-    identification: Identification
-    verdict: CalibrationVerdict
-    written: bool
-    remarks: tuple[str, ...] = ()
-
-
-def calibrate_machine(
-    job: Job, orders: Orders, noise: float, required: float, limits: Limits | None = None
-) -> MachineResult:
-    """All parameters of a machine from probed poses; what is not good is written by force only.
-
-    Raises:
-        InputError: the poses cannot be read or do not fit the machine.
-    """
-    machine = job.file.machine
-    poses = read_probed_poses(job.source, machine, noise, job.layout)
-    parameters = list_parameters(machine, orders)
-    identification = identify_machine(machine, parameters, poses)
-    with told_of(job.source):
-        held_out = check_held_out(machine, parameters, poses)
-    verdict = judge_calibration(identification, held_out, poses, required=required, limits=limits)
-    parts = job.file.set_machine(identification.machine)
-    figures = {"held_out_ratio": held_out.ratio, VOLUMETRIC: verdict.uncertainty, f"{VOLUMETRIC}_bound": verdict.bound}
-    misfits = [] if verdict.good else [verdict.sentence]
-    # a model that does not hold all errors misses by what it missed on the poses that were held out
-    missed = held_out.error if held_out.ratio > held_out.limit else 0.0
-    written = job.finish(parts, math.hypot(verdict.uncertainty, missed), figures, misfits)
-    return MachineResult(identification, verdict, written, poses.remarks)
 
 
 def _across(machine: MachineDescription, axis: Axis, positions: Array) -> float:

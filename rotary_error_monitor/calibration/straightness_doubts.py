@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.calibration.quietness import quiet_length
 from rotary_error_monitor.calibration.steps import share_of_travel
 from rotary_error_monitor.calibration.straightness_runs import Placed
 from rotary_error_monitor.description.machine_parts import Axis
 from rotary_error_monitor.metrology.overlaps import contradicting
 from rotary_error_monitor.metrology.profile_range import NORMAL_95, range_bounds
+from rotary_error_monitor.metrology.reference_mirror import PlacementReadings
 from rotary_error_monitor.metrology.run_agreement import (
     disagreeing_directions,
     disagreeing_runs,
@@ -160,14 +162,23 @@ def _disagreements(parts: Sequence[Placed], noise: float) -> tuple[tuple[str, ..
     return tuple(misfits), doubt
 
 
-def _too_little(parts: Sequence[Placed], noise: float) -> tuple[str, ...]:
-    """Placements whose runs are far more alike than the stated noise lets them be, in words."""
-    return tuple(
-        f"segment {number}: runs of one direction scatter by {part.combined.scatter * 1e6:.2g} µm, where noise of "
-        f"{noise * 1e6:g} µm is stated: are the readings in the unit of the header, and is the noise in µm?"
-        for number, part in enumerate(parts, start=1)
-        if scatters_too_little(part.combined, noise)
-    )
+def _too_little(parts: Sequence[Placed], noise: float) -> Iterator[str]:
+    """Placements whose runs are far more alike than the stated noise, or any instrument, lets them be, in words."""
+    for number, part in enumerate(parts, start=1):
+        scatter, what = part.combined.scatter, f"segment {number}: runs of one direction scatter by"
+        if scatters_too_little(part.combined, noise):
+            yield (
+                f"{what} {scatter * 1e6:.2g} µm, where noise of {noise * 1e6:g} µm is stated: are the readings in the "
+                "unit of the header, and is the noise in µm?"
+            )
+        elif (doubt := quiet_length(scatter, *_size(part.segment), in_air=False)) is not None:
+            yield f"{what} {doubt}"
+
+
+def _size(segment: PlacementReadings) -> tuple[float, float]:
+    """Largest departure of a placement's readings from their line, and along what they were read, m."""
+    x, y = segment.positions, segment.readings
+    return float(np.abs(y - np.polyval(np.polyfit(x, y, 1), x)).max()), float(np.ptp(x))
 
 
 def unit_doubts(axis: Axis, positions: Array, mirror: float | None) -> tuple[str, ...]:

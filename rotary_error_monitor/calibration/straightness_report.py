@@ -42,6 +42,7 @@ def straightness_text(result: StraightnessResult, output: Path) -> str:
         )
     lines += [*_mirror(result), *_direct(result)]
     lines += [f"  warning: {warning}" for warning in spliced.warnings]
+    lines += [f"  note: {remark}" for remark in result.remarks]
     if result.rotated is not None:
         angle, sense = result.rotated.angle * 1e6, "rises" if result.rotated.rising else "falls"
         lines.append(f"  rotated by {angle:+.2f} µrad: the curve {sense} and its correction never reverses")

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.calibration.identification import (
     HeldOutCheck,
     Identification,
@@ -17,6 +19,7 @@ from rotary_error_monitor.calibration.identification import (
     parameter_scales,
     rank_with_longer_tool,
 )
+from rotary_error_monitor.calibration.pose_terms import fit_terms, poses_of_terms
 from rotary_error_monitor.calibration.volume import Limits, sample_volume
 
 SAMPLES = 200
@@ -30,7 +33,7 @@ class CalibrationVerdict:
     """Whether a calibration is good.
 
     Attributes:
-        good: it predicts held-out poses, and the tool anywhere in the volume to `required`.
+        good: it predicts held-out poses and the tool anywhere in the volume to `required`, and has no doubts.
         uncertainty: standard uncertainty of the predicted tool position in the working volume, root mean square, m.
         bound: 95 % bound of the error of the predicted position, root mean square over the working volume, m.
         largest: the same as `uncertainty` at its worst pose, m.
@@ -38,6 +41,7 @@ class CalibrationVerdict:
         sentence: the verdict in words.
         further_poses: axis positions that would add most, in the order of the machine's axes, m or rad.
         rank_with_longer_tool: combinations that the same poses see with a second tool that is 100 mm longer.
+        pose_terms: how the uncertainty depends on the pose (`machine/pose_uncertainty.py`), m.
     """
 
     good: bool
@@ -48,6 +52,7 @@ class CalibrationVerdict:
     sentence: str
     further_poses: tuple[tuple[float, ...], ...]
     rank_with_longer_tool: int
+    pose_terms: Mapping[str, float] = field(default_factory=dict)
 
 
 def judge_calibration(
@@ -57,8 +62,11 @@ def judge_calibration(
     *,
     required: float,
     limits: Limits | None = None,
+    doubts: Sequence[str] = (),
 ) -> CalibrationVerdict:
     """The verdict on an identified machine, which a held-out check and the poses it came from go with.
+
+    `doubts` are sentences on what else does not fit; with any the calibration is not good.
 
     What the poses did not see counts with the typical size of an error: it is harmless where it moves the tool tip as
     little in the working volume as it did at the poses, and shows in the number where not. `required` is the largest
@@ -70,23 +78,17 @@ def judge_calibration(
     """
     machine = identification.machine
     volume = sample_volume(machine, SAMPLES, limits)
-    warmth = np.full(SAMPLES, machine.reference_temperature)
-    planned = ProbedPoses(volume, np.zeros_like(volume), warmth, np.zeros((SAMPLES, 3)), poses.noise)
-    jacobian = estimate_jacobian(machine, identification.parameters, planned).reshape(SAMPLES, 3, -1)
+    jacobian = _jacobian(identification, volume, poses.noise)
     hidden = identification.hidden * parameter_scales(identification.parameters)
     covariance = identification.covariance + hidden.T @ hidden
     bound = _bound(jacobian, covariance)
-    variance = np.trace(jacobian @ covariance @ np.swapaxes(jacobian, 1, 2), axis1=1, axis2=2)
+    variance = _variance(jacobian, covariance)
+    places = poses_of_terms(machine, limits)
+    terms = fit_terms(machine, places, _variance(_jacobian(identification, places, poses.noise), covariance))
     uncertainty, largest = math.sqrt(float(variance.mean())), math.sqrt(float(variance.max()))
-    predicts = held_out.ratio <= held_out.limit
-    good = predicts and uncertainty <= required
-    sentence = (
-        f"The calibration is {'good' if good else 'not good'}: it predicts the tool in the working volume to "
-        f"{uncertainty * 1e6:.2f} µm (95 % bound {bound * 1e6:.2f} µm, at worst {largest * 1e6:.2f} µm, required "
-        f"{required * 1e6:.2f} µm), and on {held_out.count} held-out poses it errs by {held_out.ratio:.2f} times what "
-        "noise and uncertainty explain"
-    )
-    sentence += "." if predicts else f", more than the {held_out.limit:.2f} of a model that holds all errors."
+    good = held_out.ratio <= held_out.limit and uncertainty <= required and not doubts
+    sizes = (uncertainty, bound, largest, required)
+    sentence = " ".join([_sentence(held_out, *(size * 1e6 for size in sizes), good=good), *doubts])
     further = volume[choose_further_poses(identification, volume, poses)]
     return CalibrationVerdict(
         good,
@@ -97,7 +99,36 @@ def judge_calibration(
         sentence,
         tuple(tuple(float(value) for value in pose) for pose in further),
         rank_with_longer_tool(identification, poses),
+        terms,
     )
+
+
+def _sentence(
+    held_out: HeldOutCheck, uncertainty: float, bound: float, largest: float, required: float, *, good: bool
+) -> str:
+    """The verdict in words, of sizes in µm."""
+    sentence = (
+        f"The calibration is {'good' if good else 'not good'}: it predicts the tool in the working volume to "
+        f"{uncertainty:.2f} µm (95 % bound {bound:.2f} µm, at worst {largest:.2f} µm, required "
+        f"{required:.2f} µm), and on {held_out.count} held-out poses it errs by {held_out.ratio:.2f} times what "
+        "noise and uncertainty explain"
+    )
+    if held_out.ratio <= held_out.limit:
+        return f"{sentence}."
+    return f"{sentence}, more than the {held_out.limit:.2f} of a model that holds all errors."
+
+
+def _jacobian(identification: Identification, places: Array, noise: float) -> Array:
+    """(n, 3, p) derivative of the tool's position by each parameter at places (n, axes), at reference temperature."""
+    machine, count = identification.machine, len(places)
+    warmth = np.full(count, machine.reference_temperature)
+    planned = ProbedPoses(places, np.zeros_like(places), warmth, np.zeros((count, 3)), noise)
+    return estimate_jacobian(machine, identification.parameters, planned).reshape(count, 3, -1)
+
+
+def _variance(jacobian: Array, covariance: Array) -> Array:
+    """(n,) of the position, sum over three directions, m²."""
+    return np.asarray(np.einsum("nip,pq,niq->n", jacobian, covariance, jacobian, optimize=True), dtype=np.float64)
 
 
 def _bound(jacobian: NDArray[np.float64], covariance: NDArray[np.float64]) -> float:

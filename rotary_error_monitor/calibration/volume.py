@@ -104,6 +104,13 @@ def sample_volume(machine: MachineDescription, count: int, limits: Limits | None
     return np.asarray(low + points * (high - low), dtype=np.float64)
 
 
+def volumetric_difference(one: MachineDescription, other: MachineDescription, limits: Limits | None = None) -> float:
+    """By how much two descriptions of a machine place the tool apart, root mean square over the working volume, m."""
+    poses = sample_volume(one, 200, limits)
+    apart = predict_tool_offset(arrange_machine(one), poses) - predict_tool_offset(arrange_machine(other), poses)
+    return float(np.sqrt(np.mean(np.square(apart[:, :3]).sum(axis=1))))
+
+
 def estimate_volumetric_map(machine: MachineDescription, axes: tuple[str, str], *, count: int = 41) -> VolumetricMap:
     """Tool offset over two axes' whole travel, the other axes held in the middle of theirs.
 

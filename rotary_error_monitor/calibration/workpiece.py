@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.calibration.copies import refuse_copies
 from rotary_error_monitor.calibration.grinding import FlatnessPrediction
 from rotary_error_monitor.calibration.measurements import LENGTH, LINEAR_ERROR
+from rotary_error_monitor.calibration.quietness import FINEST_LENGTH
 from rotary_error_monitor.description.column_layout import ColumnLayout
 from rotary_error_monitor.description.csv_tables import Column, Table, read_table
 from rotary_error_monitor.errors import InputError
@@ -62,6 +64,27 @@ class MeasuredSurface:
         rest = self.heights - self.predicted
         return 1 - float(rest @ rest) / float(self.heights @ self.heights)
 
+    @property
+    def contradiction(self) -> str | None:
+        """Why the prediction is not that of this surface, in words; None where taking it off leaves less.
+
+        A compensation takes the prediction off: one that leaves more than it takes makes the workpiece worse.
+        """
+        if self.explained >= 0:
+            return None
+        shared = float(self.heights @ self.predicted)
+        opposite = -shared > float(self.predicted @ self.predicted) / 2
+        return (
+            f"the surface is flatter without what straightness predicts ({self.explained:.0%} of the variance), so "
+            "compensation would make it worse: "
+            + (
+                "it is like the prediction negated: are heights positive where the vertical axis is, or is a curve of "
+                "the machine file of the wrong sign?"
+                if opposite
+                else "are positions those of the axes, and is it of this machine?"
+            )
+        )
+
 
 def read_workpiece(path: Path, prediction: FlatnessPrediction, layout: ColumnLayout | None = None) -> MeasuredSurface:
     """Surface from a CSV file with the feed axes' positions and `height_um`, wherever its points lie.
@@ -75,6 +98,8 @@ def read_workpiece(path: Path, prediction: FlatnessPrediction, layout: ColumnLay
     names = [f"{letter}_mm" for letter in prediction.feeds]
     columns = [*(Column(name, LENGTH) for name in names), Column("height_um", LINEAR_ERROR)]
     table = read_table(path, [columns], layout=layout)
+    at, heights = np.stack([table.numbers[name] for name in names], axis=1), table.numbers["height_um"]
+    refuse_copies(table, {f"point {row + 1}": [row] for row in range(len(at))}, at, heights, FINEST_LENGTH)
     points = combine_repeated(*(table.numbers[name] for name in (*names, "height_um")))
     if len(points.counts) < FEWEST_POINTS:
         raise table.error(
@@ -153,5 +178,5 @@ def _interval(surface: MeasuredSurface, noise: float) -> str:
         )
     bounds = flatness_bounds(surface.first, surface.second, surface.heights, surface.points.noise_of_means(noise))
     if bounds is None:
-        return f"no 95 % interval: it has more detail than noise of {noise * 1e6:.3g} µm explains"
+        return f"no 95 % interval: it has more detail than noise of {noise * 1e6:.3g} µm explains, or is far smoother"
     return f"95 % interval without noise {bounds[0] * 1e6:.3f} to {bounds[1] * 1e6:.3f} µm"

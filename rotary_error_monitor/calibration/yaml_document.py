@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import secrets
 import shutil
 from collections.abc import Callable, Iterator
@@ -139,8 +140,10 @@ class YamlDocument:
         with _said(self._path):
             self._text.set((*self.section, "calibration", part), YamlRows(row))
 
-    def save(self, path: Path, check: Callable[[Path], T]) -> T:
+    def save(self, path: Path, check: Callable[[Path], T], source: Path | None = None) -> T:
         """Write the file, whole or not at all; `check` loads the draft beside it and gives what is in it.
+
+        What `check` does not accept is told of the `source`, the measurements that it comes from.
 
         Raises:
             InputError: what `check` raises, or the file has changed since it was read (nothing is written then), or it
@@ -157,7 +160,7 @@ class YamlDocument:
                     f"{self._path}: its YAML cannot be changed in place; load it and write it out plainly, then "
                     "calibrate that"
                 )
-            found = _checked(draft, path, check)
+            found = _checked(draft, path, source or self._path, check)
             if target == self._path.resolve() and read_yaml(target).text != self._before:
                 raise InputError(f"{path}: somebody has changed it since it was read; calibrate once more")
             if target.exists():
@@ -175,12 +178,13 @@ class YamlDocument:
         self._replaced.setdefault(part, {}).setdefault("values", {}).setdefault(name, plain(value))
 
 
-def _checked(draft: Path, path: Path, check: Callable[[Path], T]) -> T:
-    """What is in a draft; what is wrong with it is told of the file that it becomes."""
+def _checked(draft: Path, path: Path, source: Path, check: Callable[[Path], T]) -> T:
+    """What is in a draft; what is wrong with it is told of what was read, for the draft has no lines to look at."""
     try:
         return check(draft)
     except InputError as error:
-        raise InputError(str(error).replace(str(draft), str(path))) from error
+        problem = re.sub(rf"^{re.escape(str(draft))}(:\d+)?: ", "", str(error)).replace(str(draft), str(path))
+        raise InputError(f"{source}: what was found cannot stand in {path}: {problem}") from error
 
 
 def _keep_owner(target: Path, draft: Path) -> None:

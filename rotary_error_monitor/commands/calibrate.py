@@ -18,8 +18,9 @@ from rotary_error_monitor.calibration.controller_tables import (
     read_comp_file,
     volumetric_table,
 )
+from rotary_error_monitor.calibration.machine_step import calibrate_machine
 from rotary_error_monitor.calibration.parameters import Orders
-from rotary_error_monitor.calibration.steps import calibrate_machine, calibrate_positioning
+from rotary_error_monitor.calibration.steps import calibrate_positioning
 from rotary_error_monitor.calibration.volume import (
     draws_for,
     estimate_uncertain_offsets,
@@ -33,7 +34,9 @@ from rotary_error_monitor.commands.calibration_arguments import (
     Subparsers,
     add_columns,
     add_figure,
+    add_place,
     job_of,
+    place_of,
     step,
 )
 from rotary_error_monitor.commands.values import (
@@ -86,6 +89,7 @@ def _add_positioning(steps: Subparsers[argparse.ArgumentParser]) -> None:
             f"temperature), which repeated runs do not show; of a {kind} axis",
         )
     add_columns(parser, "target=Pos,mm direction=Dir cycle=Run deviation=Error,um")
+    add_place(parser)
     add_figure(parser)
 
 
@@ -98,6 +102,15 @@ def _add_squareness(steps: Subparsers[argparse.ArgumentParser]) -> None:
     parser.add_argument("--distance-um", type=positive, default=0.5, help="standard uncertainty (default 0.5)")
     parser.add_argument("--distance-ppm", type=not_negative, default=0.5, help="and its relative part (default 0.5)")
     parser.add_argument("--angle-arcsec", type=positive, default=0.5, help="of both angles (default 0.5)")
+    parser.add_argument(
+        "--reflector-mm",
+        type=float,
+        nargs=3,
+        default=(0.0, 0.0, 0.0),
+        metavar=("X", "Y", "Z"),
+        help="where it stands in the frame of the tool, or of the workpiece where the axis carries that (default 0 0 "
+        "0): the lever of angular errors that the file has",
+    )
     add_figure(parser, "draw how axes and spindle lie beside each other")
     add_columns(parser, "feature=Group x=X,mm y=Y,mm z=Z,mm")
 
@@ -111,6 +124,7 @@ def _add_machine(steps: Subparsers[argparse.ArgumentParser]) -> None:
     parser.add_argument("--limits", nargs="*", default=[], metavar="X=LOW,HIGH", help="working volume, mm or degrees")
     for name in ("reversal", "expansion", "setup"):
         parser.add_argument(f"--{name}", action="store_true", help=f"look for {name} as well")
+    parser.add_argument("--drop-outliers", action="store_true", help="leave out poses that stand off from the others")
     add_columns(parser, "X=x,mm … C=c,deg temperature=T dx=ex,um dy=ey,um dz=ez,um")
 
 
@@ -146,8 +160,9 @@ def _add_errors(steps: Subparsers[argparse.ArgumentParser]) -> None:
 def _positioning(arguments: argparse.Namespace) -> int:
     with job_of(arguments) as job:
         instrument = _instrument(arguments, job.file.machine)
+        place = place_of(arguments, job.file.machine)
         result = calibrate_positioning(
-            job, arguments.axis, drop_outliers=arguments.drop_outliers, instrument=instrument
+            job, arguments.axis, drop_outliers=arguments.drop_outliers, instrument=instrument, place=place
         )
     print(reports.positioning_text(result, job.output))
     if arguments.figure:
@@ -176,7 +191,8 @@ def _squareness(arguments: argparse.Namespace) -> int:
     angle = math.radians(arguments.angle_arcsec / 3600)
     noise = TrackerNoise(arguments.distance_um * 1e-6, arguments.distance_ppm * 1e-6, angle, angle)
     with job_of(arguments) as job:
-        result = calibrate_squareness(job, noise)
+        x, y, z = (part * 1e-3 for part in arguments.reflector_mm)
+        result = calibrate_squareness(job, noise, (x, y, z))
     print(reports.squareness_text(result, job.output))
     if arguments.figure:
         from rotary_error_monitor.report.axes_figure import draw_axes
@@ -190,7 +206,7 @@ def _machine(arguments: argparse.Namespace) -> int:
     noise, required = arguments.noise_um * 1e-6, arguments.required_um * 1e-6
     with job_of(arguments) as job:
         limits = limits_of(arguments.limits, job.file.machine)
-        result = calibrate_machine(job, orders, noise, required, limits)
+        result = calibrate_machine(job, orders, noise, required, limits, drop_outliers=arguments.drop_outliers)
     print(reports.machine_text(result, job.output))
     return 0 if result.written else NOT_GOOD
 

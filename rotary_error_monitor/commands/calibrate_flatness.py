@@ -21,7 +21,13 @@ from rotary_error_monitor.calibration.grinding import (
     trajectory_csv,
 )
 from rotary_error_monitor.calibration.workpiece import measured_text, read_workpiece
-from rotary_error_monitor.commands.calibration_arguments import Subparsers, add_columns, add_figure, layout_of
+from rotary_error_monitor.commands.calibration_arguments import (
+    NOT_GOOD,
+    Subparsers,
+    add_columns,
+    add_figure,
+    layout_of,
+)
 from rotary_error_monitor.commands.values import limits_of, not_negative, positive, split_word
 from rotary_error_monitor.description.machine import MachineDescription, load_machine, machine_path
 from rotary_error_monitor.errors import InputError
@@ -72,6 +78,9 @@ def add(steps: Subparsers[argparse.ArgumentParser]) -> None:
         "--trajectory", type=Path, metavar="OUT.csv", help="write what the vertical axis adds over the workpiece"
     )
     parser.add_argument("--step-mm", type=positive, default=10.0, help="of its points (default 10)")
+    parser.add_argument(
+        "--force", action="store_true", help="write the trajectory also where a measured surface contradicts it"
+    )
     add_figure(parser, "draw surfaces, trajectory, and flatness over the reversal error")
     parser.set_defaults(run=_flatness)
 
@@ -93,14 +102,25 @@ def _flatness(arguments: argparse.Namespace) -> int:
     told = [flatness_text(prediction), *_intervals(machine, prediction, stated)]
     trajectory = trajectory_csv(prediction, arguments.step_mm * 1e-3) if arguments.trajectory else ""
     noise = None if arguments.height_noise_um is None else arguments.height_noise_um * 1e-6
-    print("\n".join([*told, *(measured_text(*each, noise) for each in surfaces.items())]))
-    if arguments.trajectory:
+    contradiction = surfaces["before"].contradiction if "before" in surfaces else None
+    told += [measured_text(*each, noise) for each in surfaces.items()]
+    told += _fate(contradiction, arguments.trajectory, arguments.force)
+    print("\n".join(told))
+    if arguments.trajectory and (contradiction is None or arguments.force):
         write_whole(arguments.trajectory, trajectory.encode())
     if arguments.figure:
         from rotary_error_monitor.report.flatness import draw_flatness
 
         draw_flatness(arguments.figure, prediction, surfaces)
-    return 0
+    return 0 if contradiction is None or arguments.force else NOT_GOOD
+
+
+def _fate(contradiction: str | None, trajectory: Path | None, force: bool) -> list[str]:
+    """What a surface contradicts, and whether a trajectory is written all the same; nothing where all fits."""
+    if contradiction is None:
+        return []
+    written = [] if trajectory is None or force else [f"{trajectory} not written; --force writes it all the same"]
+    return [f"does not fit: {contradiction}", *written]
 
 
 def _check_surfaces(arguments: argparse.Namespace) -> None:

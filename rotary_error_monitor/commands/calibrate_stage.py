@@ -117,7 +117,11 @@ def _add_autocollimator(steps: Subparsers[argparse.ArgumentParser]) -> None:
     parser.add_argument(
         "--keep", nargs="+", choices=KEPT, default=[], help="leave these in the file as they are: calibrated elsewhere"
     )
-    parser.add_argument("--drop-outliers", action="store_true", help="leave steps out that do not fit the others")
+    parser.add_argument(
+        "--drop-outliers",
+        action="store_true",
+        help="leave steps out that do not fit the others, and readings that do not fit their step",
+    )
     add_columns(parser, "reference_x=RefX,arcsec reference_y=RefY,arcsec q1_V=Ch0 q2_V=Ch1 q3_V=Ch2 q4_V=Ch3")
     add_figure(parser)
     parser.set_defaults(run=_autocollimator)

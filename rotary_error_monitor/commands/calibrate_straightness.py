@@ -21,7 +21,9 @@ from rotary_error_monitor.commands.calibration_arguments import (
     Subparsers,
     add_columns,
     add_figure,
+    add_place,
     job_of,
+    place_of,
     step,
 )
 from rotary_error_monitor.commands.values import flatness_um, not_negative, positive
@@ -52,6 +54,7 @@ def add(steps: Subparsers[argparse.ArgumentParser]) -> None:
     add_columns(parser, "segment=Seg run=Run direction=Dir position=X,mm reading=Gauge,um")
     _add_mirror(parser)
     _add_direct(parser)
+    add_place(parser, temperature="")
     add_figure(parser)
     add_figure(parser, "draw the runs and how they repeat", "--runs-figure")
     parser.add_argument(
@@ -93,7 +96,9 @@ def _straightness(arguments: argparse.Namespace) -> int:
         mirror = _mirror_of(arguments, "mirror-length-mm", "mirror-flatness-um", arguments.mirror_profile)
         if mirror is None and arguments.mirror_form is not None:
             raise InputError(f"--mirror-form {arguments.mirror_form} without a mirror: state --mirror-length-mm")
-        asked = Asked(arguments.monotone, _direct_of(arguments, reading), arguments.mirror_form is not None)
+        place = place_of(arguments, job.file.machine)
+        direct, is_asked = _direct_of(arguments, reading), arguments.mirror_form is not None
+        asked = Asked(arguments.monotone, direct, is_asked, place=place)
         result = calibrate_straightness(job, arguments.component, mirror, reading, asked)
     print(straightness_text(result, job.output))
     form = result.spliced.mirror

@@ -8,11 +8,14 @@ from contextlib import contextmanager
 from datetime import UTC, date, datetime
 from pathlib import Path
 
+from rotary_error_monitor.calibration.known_readings import ReadingPlace
 from rotary_error_monitor.calibration.machine_file import MachineFile
 from rotary_error_monitor.calibration.steps import Job
 from rotary_error_monitor.calibration.yaml_document import changing
-from rotary_error_monitor.commands.values import day
+from rotary_error_monitor.commands.values import day, number_of, split_word
 from rotary_error_monitor.description.column_layout import ColumnLayout
+from rotary_error_monitor.description.machine import MachineDescription
+from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.files import check_outputs, check_places
 
 NOT_GOOD = 10
@@ -61,6 +64,46 @@ def add_columns(
         "before the headers and other columns are passed over, and semicolons or tabs may separate columns; #1, #2, … "
         "for HEADER are columns by number, of a table without headers",
     )
+
+
+def add_place(
+    parser: argparse.ArgumentParser, temperature: str = "of the axis, °C (default: that of reference)"
+) -> None:
+    """Describe where and how warm an axis was while an instrument read, for what the file's other errors make there."""
+    group = parser.add_argument_group(
+        "where it was read", "for what other errors of the file make of the readings there"
+    )
+    group.add_argument(
+        "--at", nargs="+", default=[], metavar="Y=100", help="the other axes, mm or degrees (default: at zero)"
+    )
+    group.add_argument(
+        "--beside-mm",
+        type=float,
+        nargs=3,
+        default=(0.0, 0.0, 0.0),
+        metavar=("X", "Y", "Z"),
+        help="from the tool's origin to the line that was measured, in the frame of the tool (default 0 0 0)",
+    )
+    if temperature:
+        group.add_argument("--temperature-c", type=float, help=temperature)
+
+
+def place_of(arguments: argparse.Namespace, machine: MachineDescription) -> ReadingPlace:
+    """The place that arguments say.
+
+    Raises:
+        InputError: a word is wrong, or an axis is beyond its travel.
+    """
+    others = {}
+    for name, value in map(split_word, arguments.at):
+        axis = machine.axis(name)
+        scale, unit = axis.shown
+        others[name] = number_of(value, f"--at {name}={value}") / scale
+        if not axis.travel[0] <= others[name] <= axis.travel[1]:
+            low, high = (end * scale for end in axis.travel)
+            raise InputError(f"--at {name}={value}: beyond the travel of {name}, {low:g} to {high:g} {unit}")
+    x, y, z = (each * 1e-3 for each in arguments.beside_mm)
+    return ReadingPlace(others, (x, y, z), getattr(arguments, "temperature_c", None))
 
 
 def today() -> date:

@@ -106,7 +106,7 @@ def write_stage(
         if figures:
             # no uncertainty of the section: that would claim that eccentricity and the rotor's own motion were told
             document.note(part, Calibrated(day.isoformat(), bag.name, digest, None, figures, remark or None))
-    document.save(output, load_stage)
+    document.save(output, load_stage, bag)
 
 
 def rounded(value: UncertainValue) -> float:

@@ -43,6 +43,9 @@ SHIFT_UNCERTAINTY = "shift_uncertainty"
 VOLUMETRIC, WHOLE_MACHINE = "volumetric_uncertainty", "machine"
 """Figure under `calibration` of a part that an identification has left, and name of the whole."""
 
+POSE_TERM = "volumetric_term_"
+"""Begin of the names of figures there that say how that uncertainty depends on the pose."""
+
 DIRECTIONS = "XYZABC"
 """Second letter of an error component: shift along x, y, z in m, then rotation about x, y, z in rad."""
 
@@ -64,6 +67,8 @@ class MachineDescription:
         probe_noise: standard deviation of each component of what probes the tool, m; none where nobody has stated it.
         calibrated: standard uncertainty of calibrated parts by their names under `calibration`, m or rad; that of a
             place by the name with `.shift`, m.
+        pose_terms: how that of the whole machine depends on the pose (`machine/pose_uncertainty.py`), m; empty where it
+            is told alike at all poses.
     """
 
     name: str
@@ -79,6 +84,7 @@ class MachineDescription:
     spindle: str | None = None
     probe_noise: Vector | None = None
     calibrated: Mapping[str, float] = field(default_factory=dict)
+    pose_terms: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def letters(self) -> tuple[str, ...]:
@@ -235,7 +241,19 @@ def _description(section: MachineSection) -> MachineDescription:
         limits=section.limits,
         uncertainty=section.uncertainty,
         calibrated=dict(_calibrated(section)),
+        pose_terms=_pose_terms(section, found.letters),
     )
+
+
+def _pose_terms(section: MachineSection, letters: Sequence[str]) -> dict[str, float]:
+    """Terms of the uncertainty by pose that an identification has left, of axes that the machine has."""
+    whole = section.calibration.get(WHOLE_MACHINE)
+    named = (
+        {}
+        if whole is None
+        else {name.removeprefix(POSE_TERM): size for name, size in whole.figures.items() if name.startswith(POSE_TERM)}
+    )
+    return named if all(set(name) <= {*letters, "0"} for name in named) else {}
 
 
 def _calibrated(section: MachineSection) -> Iterator[tuple[str, float]]:

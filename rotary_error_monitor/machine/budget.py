@@ -32,6 +32,7 @@ from rotary_error_monitor.machine.kinematics import (
     motions,
     stand,
 )
+from rotary_error_monitor.machine.pose_uncertainty import MIDDLE, position_uncertainty
 from rotary_error_monitor.machine.topology import branches
 from rotary_error_monitor.machine.transforms import chain, cross, inverse, rotate, rotation_by, transform
 from rotary_error_monitor.machine.uncertainty import calibrated_shifts, measured_apart, shifts_at_a_pose
@@ -130,10 +131,10 @@ def offset_covariance(
         middle = offset(machine)
         effects += [offset(each.machine) - middle for each in shifts]
     effects += _scatter(machine, positions)
-    if WHOLE_MACHINE in machine.calibrated:  # root mean square of the distance, alike in three directions
-        part = machine.calibrated[WHOLE_MACHINE] / math.sqrt(3.0)
-        count = len(np.asarray(positions))
-        effects += [np.tile(part * np.eye(6)[k], (count, 1)) for k in range(3)]
+    if WHOLE_MACHINE in machine.calibrated:  # of the distance, alike in three directions
+        terms = machine.pose_terms or {MIDDLE: machine.calibrated[WHOLE_MACHINE]}
+        part = position_uncertainty(machine, terms, positions) / math.sqrt(3.0)
+        effects += [np.outer(part, np.eye(6)[k]) for k in range(3)]
     if not effects:
         return None
     return np.asarray(sum(effect[:, :, None] * effect[:, None, :] for effect in effects))

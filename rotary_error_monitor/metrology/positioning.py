@@ -247,6 +247,50 @@ def find_outlying(
     return tuple(sorted(found, key=lambda outlier: -outlier.ratio))
 
 
+@dataclass(frozen=True)
+class Jump:
+    """A step of the readings within a cycle, as of a beam that was broken.
+
+    Attributes:
+        cycle: index of the cycle, 0 the first.
+        before, after: (target, direction) of the readings between which it is: index, and +1 or -1.
+        size: of the step beside that of other cycles there, m or rad.
+        ratio: that over the robust standard deviation of all such steps.
+    """
+
+    cycle: int
+    before: tuple[int, int]
+    after: tuple[int, int]
+    size: float
+    ratio: float
+
+
+def find_jumps(runs: PositioningRuns, *, false_alarm: float = 0.01) -> tuple[Jump, ...]:
+    """Steps from one reading to the next that other cycles do not have there, and that do not go back at once.
+
+    What drifts has small ones and a cycle that begins elsewhere none, so that neither hides a step. At the first and
+    the last reading of a cycle a step is a reading that stands off. Largest first; as `find_outlying`.
+    """
+    order = [(target, FORWARD) for target in range(len(runs.targets))]
+    readings = runs.forward
+    if runs.backward is not None:
+        order += [(target, BACKWARD) for target in reversed(range(len(runs.targets)))]
+        readings = np.concatenate([readings, runs.backward[::-1]])
+    found = find_outlying([(FORWARD, np.diff(readings, axis=0))], false_alarm=false_alarm)
+    steps = {(each.target, each.cycle): each.excess for each in found}
+
+    def stays(each: Outlier) -> bool:
+        beside = [steps.get((each.target + k, each.cycle), 0.0) for k in (-1, 1)]
+        returns = any(abs(other + each.excess) < abs(each.excess) / 2 for other in beside)
+        return 0 < each.target < len(order) - 2 and not returns
+
+    return tuple(
+        Jump(each.cycle, order[each.target], order[each.target + 1], each.excess, each.ratio)
+        for each in found
+        if stays(each)
+    )
+
+
 def remove_outliers(runs: PositioningRuns, outliers: tuple[Outlier, ...]) -> PositioningRuns:
     """The same runs without these readings, for a second set of figures beside the first.
 

@@ -64,6 +64,8 @@ class SplicedProfile:
         overlaps: evidence, overlap by overlap.
         warnings: what a user should know, in words.
         mirror: its form as several placements show it; None where they do not.
+        square: sum of squares of all that is left over its noise, and of the mirror's form over what was assumed of it:
+            -2 times the logarithm of how probable the readings are, up to what other placements share.
     """
 
     positions: Array
@@ -75,6 +77,7 @@ class SplicedProfile:
     overlaps: tuple[Overlap, ...]
     warnings: tuple[str, ...]
     mirror: MirrorForm | None = None
+    square: float = 0.0
 
     def straightness(self, method: LineMethod = "least_squares") -> Straightness:
         """Straightness of the whole axis."""
@@ -127,7 +130,19 @@ def splice_segments(
         overlaps=overlaps,
         warnings=warnings,
         mirror=None if mirror is None else mirror_form(parts, mirror, solution.form, solution.form_covariance),
+        square=_square_left(residuals, solution, mirror, parts),
     )
+
+
+def _square_left(
+    residuals: Sequence[Residual], solution: _Solution, mirror: ReferenceMirror | None, parts: Sequence[PlacedSegment]
+) -> float:
+    """Sum of squares of residuals over their noise, and of the form's coefficients over what was assumed of them."""
+    square = sum(float(((each.values / each.noise) ** 2).sum()) for each in residuals)
+    form = form_prior(parts, mirror)
+    if form is not None:
+        square += float(solution.form @ solution.form) * (MIRROR_RANGE / form.range) ** 2
+    return square
 
 
 @dataclass(frozen=True)

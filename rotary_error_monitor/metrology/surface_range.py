@@ -43,7 +43,7 @@ QUIET = 0.2
 """Part of a coefficient that is of the surface, below which it tells of the noise."""
 
 LACK = 4.0
-"""Standard deviations of chi-square by which a surface has more than noise beside a polynomial."""
+"""Standard deviations of chi-square by which a surface has more than noise beside a polynomial, or less."""
 
 
 @dataclass(frozen=True)
@@ -82,19 +82,31 @@ def flatness_bounds(first: Array, second: Array, heights: Array, noise: float) -
     make their range larger rather than smaller. By how much is simulated (a fixed seed): probable surfaces are drawn
     from the posterior of polynomial coefficients, whose prior variance falls off with a power of the degree (size and
     power as probable as the heights make them), and noise is added to each. The interval is that of range less error.
-    None where noise does not explain what polynomials leave, and of fewer than 12 points.
+    Where noise may make all of the range, the upper end is at least that of the probable surfaces themselves, for how
+    errors lie to those is not told then. None where noise does not explain what polynomials leave, where it is far
+    louder than that, and of fewer than 12 points.
     """
     if heights.size < FEWEST_POINTS:
         return None
     told = _expand(_scaled(first), _scaled(second), heights)
     squares, freedom = _noise_squares(told, heights, noise)
-    if squares / noise**2 > freedom + LACK * np.sqrt(2 * freedom):
+    if squares / noise**2 > freedom + LACK * np.sqrt(2 * freedom) or _is_overstated(squares / noise**2, freedom):
         return None
     known = STATED + freedom
     common = float(np.sqrt((STATED * noise**2 + squares) / known))
-    larger = np.quantile(_enlarged(told, common, known), [0.025, 0.975])
-    low, high = float(np.ptp(heights)) - larger[::-1]
-    return max(0.0, float(low)), max(0.0, float(high))
+    ranges, larger = _enlarged(told, common, known)
+    low, high = float(np.ptp(heights)) - np.quantile(larger, [0.975, 0.025])
+    if low <= 0:
+        return 0.0, max(float(np.quantile(ranges, 0.975)), float(high))
+    return float(low), float(high)
+
+
+def _is_overstated(squares: float, freedom: float) -> bool:
+    """Whether noise alone, `squares` in units of the stated variance, is far below it; both are known to a part.
+
+    The logarithm of the ratio of two variances is about normal.
+    """
+    return bool(squares < freedom * np.exp(-LACK * np.sqrt(2 / max(freedom, 1.0) + 2 / STATED)))
 
 
 def _noise_squares(told: _Told, heights: Array, noise: float) -> tuple[float, float]:
@@ -108,11 +120,11 @@ def _noise_squares(told: _Told, heights: Array, noise: float) -> tuple[float, fl
     return squares, float(heights.size - told.found.size + quiet.sum())
 
 
-def _enlarged(told: _Told, noise: float, known: float) -> Array:
-    """(DRAWS,) by how much noise makes the range of probable surfaces larger, m; `known` degrees of freedom has it."""
+def _enlarged(told: _Told, noise: float, known: float) -> tuple[Array, Array]:
+    """(DRAWS,) ranges of probable surfaces, and by how much noise makes each larger, m; it has `known` freedom."""
     rng = np.random.default_rng(0)
     groups, plane = list(told.shares(noise)), told.basis[:, told.plane]
-    result = []
+    ranges, larger = [], []
     for _ in range(DRAWS // PART):
         share = np.zeros((PART, told.found.size))
         for chosen, parts, weight in groups:
@@ -123,8 +135,9 @@ def _enlarged(told: _Told, noise: float, known: float) -> Array:
         surface = (share * told.found + scale * np.sqrt(share) * other) @ told.basis.T
         errors = scale * rng.normal(size=(PART, len(told.basis)))
         errors -= (errors @ plane) @ plane.T
-        result.append(np.ptp(surface + errors, axis=1) - np.ptp(surface, axis=1))
-    return np.concatenate(result)
+        ranges.append(np.ptp(surface, axis=1))
+        larger.append(np.ptp(surface + errors, axis=1) - ranges[-1])
+    return np.concatenate(ranges), np.concatenate(larger)
 
 
 def _expand(u: Array, v: Array, heights: Array) -> _Told:

@@ -6,19 +6,29 @@ setting share what the reference is off by there.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.metrology.error_motion import reading_variance
+from rotary_error_monitor.metrology.positioning import find_outlying
 
 SAME_SETTING = 1e-10
 """Settings nearer than this are the same, rad: a hundredth of what any reference resolves."""
 
 FEWEST_SLOPES = 5
 """Steps from which the scatter of their slopes over time says how sure their mean is."""
+
+
+GROUP = 16
+"""Readings of a step that are held against one another."""
+
+LEAST_GROUP = 3
+"""The same, at least: of two nobody knows which is wrong."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +41,7 @@ class StepReadings:
         step: (n,) index of the step that a reading is of, never falling.
         readings: (n, 2) of the instrument, rad as it has them.
         times: (n,) s, None where they are not known.
+        lines: (n,) line of each reading in its file, None where there is none.
     """
 
     names: tuple[str, ...]
@@ -38,6 +49,19 @@ class StepReadings:
     step: NDArray[np.int64]
     readings: Array
     times: Array | None = None
+    lines: NDArray[np.int64] | None = None
+
+    def without(self, rows: Sequence[int]) -> StepReadings:
+        """The same without some readings, of steps that have others."""
+        kept = np.ones(len(self.step), dtype=np.bool_)
+        kept[list(rows)] = False
+        return replace(
+            self,
+            step=self.step[kept],
+            readings=self.readings[kept],
+            times=None if self.times is None else self.times[kept],
+            lines=None if self.lines is None else self.lines[kept],
+        )
 
     @property
     def counts(self) -> Array:
@@ -108,3 +132,41 @@ class StepReadings:
 
     def _mean(self, values: Array) -> Array:
         return np.asarray(np.bincount(self.step, values, len(self.names)) / self.counts, np.float64)
+
+
+@dataclass(frozen=True)
+class StrayReading:
+    """A reading that stands off from the others of its step.
+
+    Attributes:
+        row: of the reading, from 0.
+        axis: 0 of the tilt about x, 1 about y.
+        excess: distance from the median of its step, rad.
+        ratio: that over the robust standard deviation of all readings.
+    """
+
+    row: int
+    axis: int
+    excess: float
+    ratio: float
+
+
+def find_stray_readings(steps: StepReadings, *, false_alarm: float) -> tuple[StrayReading, ...]:
+    """Readings too far from the median of their step, as `find_outlying`; farthest first, each once.
+
+    A mean of three takes a third of what is wrong with one, and the scatter that it makes hides that.
+    """
+    begin = np.concatenate([[0], np.flatnonzero(np.diff(steps.step)) + 1, [len(steps.step)]])
+    # of a step that stood long its parts are looked at, which turbulence and drift move by less
+    groups = [range(k, min(k + GROUP, last)) for first, last in pairwise(begin) for k in range(first, last, GROUP)]
+    rows = np.full((len(groups), max(map(len, groups))), -1)
+    for row, group in zip(rows, groups, strict=True):
+        row[: len(group)] = group
+    found: dict[int, StrayReading] = {}
+    for axis in range(2):
+        values = np.where(rows >= 0, steps.readings[rows, axis], np.nan)
+        values[(rows >= 0).sum(axis=1) < LEAST_GROUP] = np.nan
+        for each in find_outlying([(1, values)], false_alarm=false_alarm / 2):
+            stray = StrayReading(int(rows[each.target, each.cycle]), axis, each.excess, each.ratio)
+            found[stray.row] = max(found.get(stray.row, stray), stray, key=lambda one: one.ratio)
+    return tuple(sorted(found.values(), key=lambda stray: -stray.ratio))

@@ -24,6 +24,7 @@ from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
 Array = NDArray[np.float64]
 FOLDER = Path(__file__).parents[2] / "doc" / "calibration"
 GRINDER = Path(__file__).parents[2] / "config" / "machines" / "grinder_zhou2023.yaml"
+TRUNNION = Path(__file__).parents[2] / "config" / "machines" / "xyzac_trt.yaml"
 
 BAG = "between_centres"
 """Folder of the bag of the shaft between centres."""
@@ -44,6 +45,13 @@ def positioning_error(x: Array) -> Array:
 def straightness_error(x: Array) -> Array:
     """EZX, m."""
     return np.asarray(0.8e-6 * np.sin(11 * x) + 0.3e-6 * np.cos(24 * x))
+
+
+def level_straightness(x: float) -> float:
+    """The same about its line of least squares, as `calibrate straightness` writes it, m."""
+    travel = np.linspace(-0.25, 0.25, 1001)
+    line = np.polyfit(travel, straightness_error(travel), 1)
+    return float(straightness_error(np.array(x)) - np.polyval(line, x))
 
 
 def mirror_form(distance: Array) -> Array:
@@ -138,14 +146,18 @@ def workpiece(*, compensated: bool) -> str:
 
 
 def tracker() -> str:
-    """A reflector in the spindle moved along Y, X and Z, seen from a tracker 1.6 m away."""
+    """A reflector at the tip moved along Y, X and Z, as straight as those of xyzac_trt, seen from 1.6 m away."""
     rng = np.random.default_rng(3)
+    errors = yaml.safe_load(TRUNNION.read_text(encoding="utf-8"))["machine"]["errors"]
     x_axis = np.array([math.cos(X_TO_Y), -math.sin(X_TO_Y), 0.0])
     z_axis = np.array([-Z_TO_X, -Z_TO_Y, 1.0])
     lines = ["# simulated: laser tracker, reflector in the spindle", "feature,distance_mm,elevation_deg,azimuth_deg"]
     for name, axis in (("Y", np.array([0.0, 1.0, 0.0])), ("X", x_axis), ("Z", z_axis)):
         for step in np.linspace(-0.24, 0.24, 13):
-            point = np.array([1.5, 0.4, -0.3]) + step * axis + 0.2e-6 * rng.normal(size=3)
+            off = [np.polyval(errors.get(f"E{part}{name}", {}).get("poly", [0.0])[::-1], step / 0.25) for part in "XYZ"]
+            if name == "X":
+                off[2] = level_straightness(step)
+            point = np.array([1.5, 0.4, -0.3]) + step * axis + off + 0.2e-6 * rng.normal(size=3)
             distance = float(np.linalg.norm(point))
             elevation, azimuth = math.asin(point[2] / distance), math.atan2(point[1], point[0])
             lines.append(f"{name},{distance * 1e3:.6f},{math.degrees(elevation):.9f},{math.degrees(azimuth):.9f}")

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from calibration import tracked_axes
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -92,7 +93,7 @@ def stand_tip(model: MachineModel, q: Array) -> Array:
 
 def test_a_machine_with_its_rotary_axes_in_the_head(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     tracks, expected = head_machine_tracks()
-    machine = shipped(tmp_path, "pan2013")
+    machine = tracked_axes.straight(tmp_path, "pan2013")
     assert run(tracked(tmp_path, tracks), "--machine", machine) == 0
     text = capsys.readouterr().out
     assert "X to Y" in text
@@ -142,7 +143,7 @@ class Trunnion:
 def test_a_table_that_carries_the_workpiece_is_located_from_the_tool_at_zero(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    truth, machine = Trunnion(), shipped(tmp_path, "xyzac_trt")
+    truth, machine = Trunnion(), tracked_axes.straight(tmp_path, "xyzac_trt")
     source = tracked(tmp_path, {**truth.tracks(), "zero": np.zeros((3, 3))})
     assert run(source, "--machine", machine) == 0
     assert "axis A tilted by" in capsys.readouterr().out
@@ -161,7 +162,7 @@ def test_a_table_that_carries_the_workpiece_is_located_from_the_tool_at_zero(
 
 
 def test_without_zero_axes_are_located_against_the_first_one(tmp_path: Path) -> None:
-    truth, machine = Trunnion(), shipped(tmp_path, "xyzac_trt")
+    truth, machine = Trunnion(), tracked_axes.straight(tmp_path, "xyzac_trt")
     assert run(tracked(tmp_path, truth.tracks()), "--machine", machine) == 0
     before, after = load_machine("xyzac_trt"), load_machine(machine)
     assert after.body("trunnion").location_error.shift == before.body("trunnion").location_error.shift
@@ -175,7 +176,7 @@ def test_without_zero_axes_are_located_against_the_first_one(tmp_path: Path) -> 
 @pytest.mark.parametrize("with_zero", [True, False])
 def test_errors_are_as_large_as_the_uncertainty_says(tmp_path: Path, with_zero: bool) -> None:
     """A tracker that errs by 1 µm each way, many times: errors over their uncertainty scatter by one."""
-    truth, machine = Trunnion(), shipped(tmp_path, "xyzac_trt")
+    truth, machine = Trunnion(), tracked_axes.straight(tmp_path, "xyzac_trt")
     tracks = {**truth.tracks(), **({"zero": np.zeros((2, 3))} if with_zero else {})}
     angle = 1e-6 / 6.8
     ratios: dict[str, list[float]] = {"tilt": [], "shift": []}
@@ -287,3 +288,15 @@ def test_squareness_needs_two_linear_axes(tmp_path: Path) -> None:
     source.write_text("\n".join([HEADER, *rows[:2]]), encoding="utf-8")
     with pytest.raises(InputError, match=r"tracker.csv: feature X: 2 points"):
         run(source, "--machine", machine)
+
+
+def test_what_no_machine_file_may_say_is_told_of_the_measurements(tmp_path: Path) -> None:
+    """The file that is not written has no line to look at, though its draft would have."""
+    file, out = MachineFile(shipped(tmp_path, "xyzac_trt")), tmp_path / "out.yaml"
+    file.set_location("C", np.array([0.0, 0.02, 0.0]), np.zeros(3))
+    with pytest.raises(InputError) as caught:
+        file.save(out, Path("inch.csv"))
+    told = str(caught.value)
+    assert told.startswith(f"inch.csv: what was found cannot stand in {out}: machine.bodies.")
+    assert "0.02 is greater than the maximum" in told and told.endswith("a length in m of at most 10 mm")
+    assert list(tmp_path.glob("*out*")) == []

@@ -316,7 +316,7 @@ def test_a_pose_of_a_bag_without_a_temperature_has_that_between_its_neighbours(
 
 def test_a_temperature_of_a_table_that_no_machine_has_is_not_used_either(tmp_path: Path) -> None:
     machine, header = load_machine("grinder_zhou2023"), "X_mm,Z_mm,Y_mm,temperature_degC,dx_um,dy_um,dz_um"
-    rows = [f"-100,-20,30,{read},1,2,3" for read in (20.5, 85.0, 21.5)]
+    rows = [f"-100,-20,30,{read},1,2,{read / 7:.3f}" for read in (20.5, 85.0, 21.5)]
     poses = read_probed_poses(written(tmp_path, header, *rows), machine, 1.5e-6)
     assert poses.temperature.tolist() == [20.5, 21.0, 21.5]
     assert len(poses.remarks) == 1
@@ -327,7 +327,7 @@ def test_positioning_from_a_bag(tmp_path: Path) -> None:
     positions, direction = np.zeros((18, 5)), np.ones((18, 5))
     positions[:, 0] = np.tile([0.0, 0.1, 0.2, 0.2, 0.1, 0.0], 3)
     direction[:, 0] = np.tile([1, 1, 1, -1, -1, -1], 3)
-    runs = read_positioning_poses(poses_bag(tmp_path, machine, positions, direction), machine, "X")
+    runs, _ = read_positioning_poses(poses_bag(tmp_path, machine, positions, direction), machine, "X")
     np.testing.assert_allclose(runs.targets, [0.0, 0.1, 0.2], atol=1e-12)
     expected = 1e-6 * np.array([[1.5, 1.6, 1.7], [2.5, 2.6, 2.7], [3.5, 3.6, 3.7]])
     np.testing.assert_allclose(runs.forward, expected, atol=1e-15)
@@ -354,7 +354,7 @@ def test_positioning_of_a_rotary_axis_from_a_bag(tmp_path: Path) -> None:
         contents[JOINT_STATES].append(JointState((k + 1) * 10**9, machine.letters, row, way, np.array([])))
         contents[TOOL_PROBE].append(PointStamped((k + 1) * 10**9, point))
     write_messages(tmp_path / "bag", contents)
-    runs = read_positioning_poses(tmp_path / "bag", machine, "C")
+    runs, _ = read_positioning_poses(tmp_path / "bag", machine, "C")
     assert runs.rotary
     np.testing.assert_allclose(runs.targets, targets, atol=1e-6)
     expected = (1e-5 * targets + 4e-6)[:, None] + np.array([[0.0, 1e-6]])

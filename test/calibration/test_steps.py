@@ -115,9 +115,8 @@ def test_a_rotary_axis_measured_all_round_repeats_itself(tmp_path: Path, targets
     for cycle in range(1, 6):
         for direction, way in ((1, targets), (-1, targets[::-1])):
             for target in way:
-                lines.append(
-                    f"{target},{direction},{cycle},{5 * math.sin(math.radians(target)) - direction + cycle % 2}"
-                )
+                error = 5 * math.sin(math.radians(target)) - direction + cycle % 2 + 1e-5 * cycle
+                lines.append(f"{target},{direction},{cycle},{error}")
     source.write_text("\n".join(lines), encoding="utf-8")
     assert run("positioning", source, "--machine", machine, "--axis", "C") == 0
     table = load_machine(machine).errors["ECC"].table
@@ -178,6 +177,26 @@ def test_deviations_that_repeat_better_than_any_instrument_are_asked_for_their_u
         assert run("positioning", source, "--machine", machine, "--axis", axis, "--force") == 0
         text = capsys.readouterr().out
         assert ("no instrument repeats to" in text) == (unit != 1.0), text
+
+
+@pytest.mark.parametrize(("axis", "scale"), [("X", 1e-3), ("C", 1 / 3600)])
+def test_deviations_in_another_unit_are_written_by_force_only(
+    tmp_path: Path, machine: Path, axis: str, scale: float, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of an axis that is off by 10 µm (10″) and scatters by 4 µm (0.5″), as mm and degrees."""
+    rng = np.random.default_rng(1)
+    head, *rows = positioning_file(tmp_path, rotary=axis == "C").read_text(encoding="utf-8").splitlines()
+    source, before = tmp_path / "other.csv", machine.read_bytes()
+    for unit, code in ((scale, calibrate.NOT_GOOD), (1.0, 0)):
+        lines = []
+        for row in rows:
+            start, _, value = row.rpartition(",")
+            lines.append(f"{start},{unit * (float(value) + rng.normal(0, 4.0 if axis == 'X' else 0.5)):.9f}")
+        source.write_text("\n".join([head, *lines]), encoding="utf-8")
+        assert run("positioning", source, "--machine", machine, "--axis", axis) == code
+        told = capsys.readouterr().out
+        assert ("are the readings in the unit of the header?" in told) == (code != 0)
+        assert (machine.read_bytes() == before) == (code != 0)
 
 
 def test_startup_outlier_is_named_and_counted(
@@ -316,8 +335,15 @@ def test_straightness_with_an_unknown_mirror_is_warned_of(tmp_path: Path, capsys
     source, _ = straightness_file(tmp_path)
     machine = Path(shutil.copy(config("machines/grinder_zhou2023.yaml"), tmp_path / "grinder.yaml"))
     words = ["--mirror-length-mm", 440, "--mirror-flatness-um", "unknown", "--noise-um", 0.06]
-    assert run("straightness", source, "--machine", machine, "--component", "EYZ", *words) == 0
-    assert "warning: the mirror's flatness is unknown" in capsys.readouterr().out
+    before = machine.read_bytes()
+    assert run("straightness", source, "--machine", machine, "--component", "EYZ", *words) == calibrate.NOT_GOOD
+    told = capsys.readouterr().out
+    assert "warning: the mirror's flatness is unknown" in told
+    assert "does not fit: the mirror's flatness is unknown, and a curved mirror looks like a curved guideway" in told
+    assert machine.read_bytes() == before
+    assert run("straightness", source, "--machine", machine, "--component", "EYZ", *words, "--force") == 0
+    # all of the curve may be the mirror's
+    assert calibration_of(machine)["EYZ"]["uncertainty"] > 2e-6
     with pytest.raises(InputError, match=r"straightness.csv: segment 1 runs from .* beyond the mirror"):
         run("straightness", source, "--machine", machine, "--component", "EYZ", "--mirror-length-mm", 300, *words[2:])
     for name, message in (("EZZ", "no straightness of a linear axis"), ("XYZ", "names no straightness")):

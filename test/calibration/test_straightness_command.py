@@ -221,7 +221,7 @@ def test_one_placement_of_a_mirror_shows_no_form(tmp_path: Path, machine: Path, 
     assert "the mirror's form is not shown: measure two placements or more" in capsys.readouterr().err
     assert machine.read_bytes() == before
     words[3] = "unknown"
-    assert run(source, machine, *words[:4]) == 0
+    assert run(source, machine, *words[:4]) == 10
     assert "flatness is unknown: all of its form counts as the guideway's" in capsys.readouterr().out
 
 
