@@ -54,6 +54,7 @@ class Collected:
         self.saturated: dict[str, int] = {}
         self.doubted: dict[str, str] = {}
         self.holds: dict[str, str] = {}
+        self.motion_refused: dict[str, int] = {}
         self._joints_arrival = ArrivalCheck()
 
     def note(self, topic: str, content: Content) -> None:
@@ -133,6 +134,8 @@ class Collected:
             yield f"{name}: {count} samples at or beyond the end of its range were not used; is its unit right?"
         for what, why in self.doubted.items():
             yield f"{what}: not believed at some time: {why}"
+        for why, count in self.motion_refused.items():
+            yield f"error motion: {count} ticks without a tool offset: {why}"
         for why in self.holds.values():
             yield f"tool offsets were held at some time: {why}"
 
@@ -146,6 +149,7 @@ class Collected:
             self._whole_corrections += found.corrections
         if compensator.hold and len(self.offsets):
             self.holds.setdefault(without_numbers(compensator.hold), compensator.hold)
+        self.motion_refused = dict(compensator.refused_motion)
 
     def result(
         self,
