@@ -143,6 +143,11 @@ class Compensator:
         return self._corrector.state
 
     @property
+    def lacks_temperature(self) -> bool:
+        """Whether the reference temperature stands in for one that is needed and was not told or not believed."""
+        return self._decisions is None and self.thermometer.needed and not self.thermometer.has_spoken
+
+    @property
     def refused_motion(self) -> Counter[str]:
         """Ticks of error motion that are not used for what they say, by reason."""
         return self._checks.motion.refused
