@@ -19,6 +19,7 @@ _LONGEST_QUOTE = 120
 class RefusalReason(Enum):
     """Why a correction message is not believed; the value is its name in figures."""
 
+    FRAME = "frame"
     AXES = "axes"
     NUMBERS = "numbers"
     SIZE = "size"
@@ -47,12 +48,14 @@ class CorrectionMessage:
         names: of the axes.
         positions: corrections to add to the commanded joints.
         velocities: their rates; may be left out.
+        frame: in which they are said.
     """
 
     stamp_ns: int
     names: Sequence[str]
     positions: Sequence[float]
     velocities: Sequence[float] = ()
+    frame: str = ""
 
 
 @dataclass(frozen=True)
@@ -73,6 +76,7 @@ class GateLimits:
         corrected: those that each message names; the others are not corrected.
         max_age: oldest stamp, s.
         clock_tolerance: how far a stamp may lie in the future, s: as two synchronised clocks may differ.
+        frame: in which messages are said, as the wire contract has it; none where nothing tells.
     """
 
     axes: tuple[str, ...]
@@ -80,6 +84,7 @@ class GateLimits:
     corrected: tuple[str, ...]
     max_age: float = 0.1
     clock_tolerance: float = 0.005
+    frame: str | None = None
 
     def __post_init__(self) -> None:
         unknown = [name for name in self.corrected if name not in self.axes]
@@ -95,9 +100,10 @@ class GateLimits:
 class CorrectionGate:
     """Believes correction messages, one after the other, or refuses them with a reason.
 
-    A message is believed as a whole or not at all: it names each corrected axis once and no other, with a finite
-    number within its range for each, and a stamp that is neither old nor ahead nor not after the one before. A stamp
-    before it counts only while it is not ahead itself: after the clock was set back, nothing would ever come after it.
+    A message is believed as a whole or not at all: it is in the contract's frame, names each corrected axis once and no
+    other, with a finite number within its range for each, and a stamp that is neither old nor ahead nor not after the
+    one before. A stamp before it counts only while it is not ahead itself: after the clock was set back, nothing would
+    ever come after it.
     """
 
     def __init__(self, limits: GateLimits) -> None:
@@ -111,6 +117,7 @@ class CorrectionGate:
         Raises:
             RefusalError: nothing of it.
         """
+        self._check_frame(message.frame)
         self._check_axes(message.names)
         self._check_numbers(message)
         by_name = dict(zip(message.names, message.positions, strict=True))
@@ -119,6 +126,12 @@ class CorrectionGate:
         self._check_stamp(message.stamp_ns, now_ns)
         self._last_ns = message.stamp_ns
         return AcceptedCorrection(message.stamp_ns, positions)
+
+    def _check_frame(self, frame: str) -> None:
+        expected = self.limits.frame
+        if expected is not None and frame != expected:
+            told = _quote([frame]) if frame else ""
+            raise RefusalError(RefusalReason.FRAME, f"corrections in the frame '{told}'; expected '{expected}'")
 
     def _check_axes(self, names: Sequence[str]) -> None:
         expected = self.limits.corrected

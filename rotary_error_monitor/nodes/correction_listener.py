@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from rclpy.serialization import deserialize_message
 from rclpy.topic_endpoint_info import TopicEndpointInfo
@@ -96,6 +96,7 @@ class CorrectionListener:
 
     def believe(self, limits: GateLimits | None) -> None:
         """Believe what keeps within `limits` from now on, or nothing; the same limits change nothing."""
+        limits = None if limits is None else replace(limits, frame=self._topic.frame)
         if limits != self._limits:
             self._limits, self._intake = limits, None if limits is None else CorrectionIntake(limits)
 
@@ -137,7 +138,8 @@ class CorrectionListener:
         if number is not None and not intake.sources.continues(number):
             self._enlist(intake, steady_ns)
         stamp_ns = messages.ns_from_stamp(message.header.stamp)
-        what = CorrectionMessage(stamp_ns, list(message.name), message.position, message.velocity)
+        names, frame = list(message.name), message.header.frame_id
+        what = CorrectionMessage(stamp_ns, names, message.position, message.velocity, frame)
         try:
             correction = intake.take(what, number, self._node.now_ns(), steady_ns)
         except RefusalError as error:

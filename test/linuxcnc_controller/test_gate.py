@@ -1,6 +1,7 @@
 """A correction message is believed as a whole or not at all, and each refusal says why."""
 
 import math
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -110,6 +111,17 @@ def test_a_wrong_message_is_refused_with_its_reason_and_the_next_right_one_is_be
             gate.judge(wrong, NOW)
         assert caught.value.doubt is doubt
     assert gate.judge(message(age_ns=49 * MS), NOW).positions == GOOD
+
+
+@pytest.mark.parametrize(
+    "frame", ["", "workpiece", "Base", "base/", "x" * 10_000], ids=lambda frame: frame[:9] or "none"
+)
+def test_corrections_in_another_frame_are_refused_and_both_are_named(frame):
+    gate = CorrectionGate(replace(LIMITS, frame="base"))
+    with pytest.raises(RefusalError, match=f"in the frame '{frame[:90]}.*'; expected 'base'") as caught:
+        gate.judge(replace(message(), frame=frame), NOW)
+    assert caught.value.doubt is RefusalReason.FRAME and len(str(caught.value)) < 300
+    assert gate.judge(replace(message(), frame="base"), NOW).positions == GOOD
 
 
 numbers = st.floats(allow_nan=True, allow_infinity=True, width=64)

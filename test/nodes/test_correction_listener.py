@@ -27,9 +27,9 @@ MS, HOUR, DAY = 10**6, 3600 * 10**9, 86400 * 10**9
 PROGRAM = str(Path(__file__).with_name("correction_publisher.py"))
 
 
-def message(names=NAMES, positions=CORRECTION, age_ns=0, stamp_ns=None):
+def message(names=NAMES, positions=CORRECTION, age_ns=0, stamp_ns=None, frame="base"):
     stamp_ns = time.time_ns() - age_ns if stamp_ns is None else stamp_ns
-    filled = messages.joint_state_message(max(stamp_ns, 0), "base", names, [0.0] * len(names))
+    filled = messages.joint_state_message(max(stamp_ns, 0), frame, names, [0.0] * len(names))
     filled.position = array("d", positions)
     filled.velocity, filled.effort = array("d", bytes(8 * len(positions))), array("d", bytes(8 * len(positions)))
     return filled
@@ -95,6 +95,8 @@ def test_what_is_in_effect_is_published_before_the_first_correction_and_on_the_w
 
 
 WRONG = {
+    "of the workpiece": ({"frame": "workpiece"}, "frame", "in the frame 'workpiece'; expected 'base'"),
+    "of no frame": ({"frame": ""}, "frame", "in the frame ''; expected 'base'"),
     "X alone": ({"names": "X", "positions": (3e-4,)}, "axes", "missing Y Z A C"),
     "empty": ({"names": (), "positions": ()}, "axes", "missing X Y Z A C"),
     "X twice": ({"names": ("X", *NAMES), "positions": (3e-4, *CORRECTION)}, "axes", "twice X"),
