@@ -103,7 +103,8 @@ class InputChecks:
         self.forget()
 
     def forget(self) -> None:
-        """Forget the commands of the past."""
+        """Forget commands and error motion of the past."""
+        self.motion.forget()
         self._times = np.empty(0, np.int64)
         self._commands = np.empty(0)
         self._disagreed_ns = None

