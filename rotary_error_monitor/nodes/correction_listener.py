@@ -22,7 +22,7 @@ from rotary_error_monitor.linuxcnc_controller.offsets import WAITING
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.diagnostics import Condition, Level
 from rotary_error_monitor.nodes.managed import ManagedNode
-from rotary_error_monitor.nodes.publishers import deafness, name_of
+from rotary_error_monitor.nodes.publishers import Names, deafness
 from rotary_error_monitor.nodes.qos import profile
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 
@@ -88,6 +88,7 @@ class CorrectionListener:
         self._limits: GateLimits | None = None
         self._intake: CorrectionIntake | None = None
         self._publishers: tuple[str, ...] = ()
+        self._names = Names()
         self._watches = 0
         self._said: tuple[object, ...] = ()
         self._said_ns = 0
@@ -172,12 +173,13 @@ class CorrectionListener:
         return is_due
 
     def _enlist(self, intake: CorrectionIntake, steady_ns: int) -> None:
-        self._publishers = tuple(map(self._describe, self._node.get_publishers_info_by_topic(self._topic.name)))
+        there = self._node.get_publishers_info_by_topic(self._topic.name)
+        self._publishers = tuple(map(self._describe, there, self._names.of(there)))
         intake.sources.enlist(self._publishers, steady_ns)
 
-    def _describe(self, publisher: TopicEndpointInfo) -> str:
+    def _describe(self, publisher: TopicEndpointInfo, name: str) -> str:
         reason = deafness(publisher, self._topic.type, profile(self._topic))
-        return f"{name_of(publisher)} ({reason})" if reason else name_of(publisher)
+        return f"{name} ({reason})" if reason else name
 
     def _watch(self) -> None:
         """Say at once when corrections begin or end to be held, or are held for another reason."""
