@@ -48,7 +48,7 @@ class MotionChecks:
         refused: Mask | None = None
         beyond = self._limits.beyond(motion)
         if beyond is not None:
-            refused = self._refuse(BEYOND, beyond.any(axis=1), refused)
+            refused = self._refuse(BEYOND, np.logical_or.reduce(beyond, axis=1), refused)
             self.reason = self._limits.told(motion, beyond) if beyond[-1].any() else ""
         wrong = impossible(motion)
         if wrong is not None:
@@ -57,7 +57,11 @@ class MotionChecks:
         stands = self._stands.judge(motion)
         if stands is not None:
             refused = self._refuse(STANDS, stands, refused)
-            self.reason = self.reason or (f"error motion is {STANDS}: its estimate is stuck" if stands[-1] else "")
+            self.reason = self.reason or (
+                "error motion is the same to the last bit while the rotor turns: its estimate is stuck"
+                if stands[-1]
+                else ""
+            )
         return refused
 
     def forget(self) -> None:
@@ -92,7 +96,8 @@ def told_covariance(motion: ErrorMotion) -> str:
     first, second = sorted(divmod(int(np.argmax(apart)), len(COMPONENTS)))
     own = f"{matrix[first, first]:.4g} and {matrix[second, second]:.4g}"
     pair = f"{COMPONENTS[first]} and {COMPONENTS[second]}"
-    return f"error motion with {COVARIANCE}: {matrix[first, second]:.4g} of {pair}, whose variances are {own}"
+    shared = f"{matrix[first, second]:.4g}"
+    return f"error motion with a covariance that cannot be: {shared} of {pair}, whose variances are {own}"
 
 
 def _correlations(motion: ErrorMotion) -> NDArray[np.float64]:
