@@ -33,9 +33,9 @@ def standing(values, seen=0b111011):
 @shows(
     Row(
         "messages",
-        "Error motion stands to the last bit while the rotor turns on: the estimate of a program that is stuck",
+        "Error motion stands to the last bit while the rotor turns on, or a block of it comes again and again",
         "`compensation: correction`: held, error motion is the same to the last bit while the rotor turns",
-        "it is not believed where all components, two at least, have had the same bits for 0.5 s and 0.05 rad",
+        "not believed where all components, two at least, are those of so many ticks before for 0.5 s and 0.05 rad",
         "for up to 0.5 s corrections from what stands, then none",
         "with the first tick that differs",
     )
@@ -71,6 +71,23 @@ def stuck(components, theta, seen=0b111011, block=5):
     checks = MotionStands()
     found = [checks.judge(motion.at(slice(first, first + block))) for first in range(0, len(theta), block)]
     return sum(int(each.sum()) for each in found if each is not None)
+
+
+@pytest.mark.parametrize("block", [1, 5, 7, 512])
+@pytest.mark.parametrize("repeated", [2, 5, 25, 64])
+def test_a_block_that_comes_again_and_again_stands_as_well(repeated, block):
+    """A program that sends its last block anew, with the rotation of now."""
+    moving = 1e-6 * np.random.default_rng(repeated).normal(size=(5000, 6))
+    moving[1000:3000] = np.resize(moving[1000 : 1000 + repeated], (2000, 6))
+    assert stuck(moving, 1.5e-3 * np.arange(5000), block=block) == pytest.approx(1500, abs=repeated + 1)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_readings_of_coarse_instruments_come_back_by_chance(seed):
+    """Each between two steps, so that any four of them come again within some ticks."""
+    coarse = 1e-7 * np.random.default_rng(seed).integers(0, 2, (20_000, 6)).astype(float)
+    assert stuck(coarse, 1.5e-3 * np.arange(20_000), seen=0b000011) == 0
+    assert stuck(coarse, 1.5e-3 * np.arange(20_000)) == 0
 
 
 @pytest.mark.parametrize("block", [1, 5, 512])
