@@ -16,7 +16,7 @@ from faults.documenting import Row, shows
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.bags.writer import BagWriter, write_messages
 from rotary_error_monitor.cli import main
-from rotary_error_monitor.codec.contents import Content, JointState
+from rotary_error_monitor.codec.contents import Content, JointState, Temperature
 from rotary_error_monitor.codec.error_motion_blocks import block_from_error_motion
 from rotary_error_monitor.codec.messages import encode
 from rotary_error_monitor.description.machine import load_machine
@@ -361,6 +361,50 @@ def test_a_replay_says_which_joint_states_and_temperatures_it_did_not_believe(re
     (told,) = (remark for remark in result.remarks if JOINT_STATES in remark)
     assert "not believed" in told and "axis" in told
     assert any("offsets" in remark and "held" in remark for remark in result.remarks)
+
+
+TEMPERATURE = WIRE.topic("machine_temperature").name
+TOLD = {"none": None, "all in K": 293.7, "as it is": 21.5}
+"""What the bag has for the machine's temperature."""
+
+
+@shows(
+    Row(
+        "files",
+        "A bag without the machine's temperature, or with none that can be",
+        "a note on standard error: so many tool offsets for which the reference temperature stands in",
+        "the reference temperature stands in after `temperature_patience`, as live",
+        "offsets and corrections, as uncertain as the machine expands within its range of temperatures",
+        "not needed",
+    ),
+)
+@pytest.mark.parametrize("temperature", TOLD.values(), ids=TOLD)
+def test_a_replay_says_that_the_reference_temperature_stands_in(recording, tmp_path, temperature):
+    contents: dict[str, Sequence[Content]] = dict(without(recording, OFFSET))  # what a live run took repeats itself
+    if temperature is not None:
+        stamps = range(START, START + DURATION * NANOSECONDS, NANOSECONDS)
+        contents[TEMPERATURE] = [Temperature(stamp, temperature, 0.0) for stamp in stamps]
+    write_messages(tmp_path / "bag", contents, WIRE)
+    result = replay_bag(tmp_path / "bag", STAGE, MACHINE)
+    said = [remark for remark in result.remarks if "reference" in remark]
+    assert result.tool_offset is not None
+    if temperature == TOLD["as it is"]:
+        assert said == []
+    else:
+        (told,) = said
+        assert told.startswith(f"{np.count_nonzero(np.isfinite(result.tool_offset[:, 0]))} tool offsets ")
+
+
+@pytest.mark.parametrize("scale", [1000.0, 180.0 / np.pi], ids=["mm", "degrees"])
+def test_a_replay_that_gives_no_offset_says_why_and_ends_with_code_10(recording, tmp_path, capsys, scale):
+    def other_unit(state: JointState) -> JointState:
+        return replace(state, position=scale * state.position)
+
+    bag = changed_joints(recording, tmp_path / "bag", other_unit, 0.0, DURATION)
+    assert main(["replay", str(bag), "--machine", "xyzac_trt", "-o", str(tmp_path / "out.npz")]) == 10
+    said = capsys.readouterr()
+    assert "note: no tool offset: axis " in said.err and "beyond its travel" in said.err.split("no tool offset")[1]
+    assert "0 tool offsets" in said.out
 
 
 def test_a_bag_that_was_converted_tells_nothing_of_when_its_messages_came(recording, tmp_path):

@@ -79,16 +79,20 @@ class _Layout:
 class BlockDecoder:
     """Reads the blocks of one topic; their layout is parsed once and then only compared."""
 
-    def __init__(self, *, finite: bool = True) -> None:
-        """Decoder that refuses blocks with samples that are not finite, unless told to let them pass."""
+    def __init__(self, *, finite: bool = True, frame: str | None = None) -> None:
+        """Decoder of blocks in one frame, by default in any.
+
+        It refuses those with samples that are not finite, unless told to let them pass.
+        """
         self._layout: _Layout | None = None
-        self._finite = finite
+        self._finite, self._frame = finite, frame
 
     def decode(self, data: bytes) -> SampleBlock:
         """Block from the bytes of one message; its rows are a copy.
 
         Raises:
-            InputError: the bytes are no sample block, or a sample is not finite; the message names column and sample.
+            InputError: the bytes are no sample block, they are in another frame, or a sample is not finite; the message
+                names the frames, or column and sample.
         """
         try:
             return _decode(data, self._layout_of(data), finite=self._finite)
@@ -120,8 +124,17 @@ class BlockDecoder:
             or data[STAMP_END : layout.size_at] != layout.frame
             or data[layout.size_at + 8 : layout.data_at] != layout.description
         ):
-            self._layout = layout = _parse(data)
+            layout = _parse(data)
+            if self._frame is not None:
+                self._check_frame(_string(data, STAMP_END)[0], self._frame)
+            self._layout = layout
         return layout
+
+    @staticmethod
+    def _check_frame(frame: str, expected: str) -> None:
+        """Components in another frame are along other axes, though nothing else tells."""
+        if frame != expected:
+            raise InputError(f"block in the frame '{excerpt(frame)}'; expected '{expected}'")
 
 
 def _foreign(data: bytes, error: Exception) -> InputError:

@@ -26,7 +26,8 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.epilog = (
         "exit codes: 0 OUT.npz holds what the bag gives, the numbers published live where it holds these; 10 some "
         "of these cannot be repeated, for the bag lacks samples that they rest on (array 'unrepeated' of OUT.npz, and "
-        "'lost_stamp_ns': when there is no number at all); 2 wrong input. What the bag lacks is said on standard error."
+        "'lost_stamp_ns': when there is no number at all), or a machine has no tool offset at all; 2 wrong input. What "
+        "the bag lacks is said on standard error."
     )
     parser.add_argument("bag", type=Path, metavar="BAG")
     parser.add_argument("--twin", type=Path, help="YAML with a section 'stage' (default: config/stage.yaml)")
@@ -65,4 +66,5 @@ def run(arguments: argparse.Namespace) -> int:
     if result.held is not None:
         offsets = len(result) - result.held
         print(f"{offsets} tool offsets, {result.correction_count} corrections, {result.held} ticks held")
-    return 0 if result.is_complete else NOT_REPEATED
+    is_held = result.held == len(result)
+    return 0 if result.is_complete and not is_held else NOT_REPEATED

@@ -12,6 +12,9 @@ from rotary_error_monitor.errors import InputError, one_line
 from rotary_error_monitor.linuxcnc_controller.clock import NANOSECONDS
 from rotary_error_monitor.linuxcnc_controller.kinematics import Position
 
+_ROUNDING = 1e-9
+"""What a step may be larger by than the speed allows, m or rad; and 5 % beside it, for a stamp is rounded as well."""
+
 _LONGEST_QUOTE = 120
 """Characters of a message's own text that a reason repeats: what anybody sends shall not fill logs."""
 
@@ -19,9 +22,11 @@ _LONGEST_QUOTE = 120
 class RefusalReason(Enum):
     """Why a correction message is not believed; the value is its name in figures."""
 
+    FRAME = "frame"
     AXES = "axes"
     NUMBERS = "numbers"
     SIZE = "size"
+    STEP = "step"
     STAMP = "stamp"
     AGE = "age"
     AHEAD = "ahead"
@@ -47,12 +52,14 @@ class CorrectionMessage:
         names: of the axes.
         positions: corrections to add to the commanded joints.
         velocities: their rates; may be left out.
+        frame: in which they are said.
     """
 
     stamp_ns: int
     names: Sequence[str]
     positions: Sequence[float]
     velocities: Sequence[float] = ()
+    frame: str = ""
 
 
 @dataclass(frozen=True)
@@ -73,6 +80,9 @@ class GateLimits:
         corrected: those that each message names; the others are not corrected.
         max_age: oldest stamp, s.
         clock_tolerance: how far a stamp may lie in the future, s: as two synchronised clocks may differ.
+        frame: in which messages are said, as the wire contract has it; none where nothing tells.
+        speed: how fast the correction of each axis may change from message to message, m/s or rad/s; none where nothing
+            tells.
     """
 
     axes: tuple[str, ...]
@@ -80,6 +90,8 @@ class GateLimits:
     corrected: tuple[str, ...]
     max_age: float = 0.1
     clock_tolerance: float = 0.005
+    frame: str | None = None
+    speed: Position | None = None
 
     def __post_init__(self) -> None:
         unknown = [name for name in self.corrected if name not in self.axes]
@@ -95,15 +107,21 @@ class GateLimits:
 class CorrectionGate:
     """Believes correction messages, one after the other, or refuses them with a reason.
 
-    A message is believed as a whole or not at all: it names each corrected axis once and no other, with a finite
-    number within its range for each, and a stamp that is neither old nor ahead nor not after the one before. A stamp
-    before it counts only while it is not ahead itself: after the clock was set back, nothing would ever come after it.
+    A message is believed as a whole or not at all: it is in the contract's frame, names each corrected axis once and no
+    other, with a finite number within its range for each, and a stamp that is neither old nor ahead nor not after the
+    one before. A stamp before it counts only while it is not ahead itself: after the clock was set back, nothing would
+    ever come after it.
+
+    The message before it, whatever its size, has to lead to it: a compensation keeps its corrections within a speed.
+    What steps is refused, and where each message steps, as of an axis in another unit that passes zero, all are; of
+    corrections that go on from somewhere else the first one is, and the second is believed.
     """
 
     def __init__(self, limits: GateLimits) -> None:
         """Believe what keeps within `limits`."""
         self.limits = limits
         self._last_ns: int | None = None
+        self._before: AcceptedCorrection | None = None  # the message before, believed or too large or a step itself
 
     def judge(self, message: CorrectionMessage, now_ns: int) -> AcceptedCorrection:
         """What is believed of `message` at `now_ns`, timestamp (ns).
@@ -111,14 +129,25 @@ class CorrectionGate:
         Raises:
             RefusalError: nothing of it.
         """
+        self._check_frame(message.frame)
         self._check_axes(message.names)
         self._check_numbers(message)
         by_name = dict(zip(message.names, message.positions, strict=True))
         positions = tuple(float(by_name.get(name, 0.0)) for name in self.limits.axes)
-        self._check_size(positions)
         self._check_stamp(message.stamp_ns, now_ns)
+        told = AcceptedCorrection(message.stamp_ns, positions)
+        before, self._before = self._before, told
+        self._check_size(positions)
+        if before is not None:
+            self._check_step(before, told)
         self._last_ns = message.stamp_ns
-        return AcceptedCorrection(message.stamp_ns, positions)
+        return told
+
+    def _check_frame(self, frame: str) -> None:
+        expected = self.limits.frame
+        if expected is not None and frame != expected:
+            told = _quote([frame]) if frame else ""
+            raise RefusalError(RefusalReason.FRAME, f"corrections in the frame '{told}'; expected '{expected}'")
 
     def _check_axes(self, names: Sequence[str]) -> None:
         expected = self.limits.corrected
@@ -156,6 +185,19 @@ class CorrectionGate:
             if abs(value) > largest:
                 raise RefusalError(
                     RefusalReason.SIZE, f"correction of {name} is {value:g}; expected at most {largest:g} (m, rad)"
+                )
+
+    def _check_step(self, before: AcceptedCorrection, told: AcceptedCorrection) -> None:
+        passed = (told.stamp_ns - before.stamp_ns) / NANOSECONDS
+        if self.limits.speed is None or passed <= 0.0:  # the clock was set back
+            return
+        rows = zip(self.limits.axes, before.positions, told.positions, self.limits.speed, strict=True)
+        for name, was, value, speed in rows:
+            if abs(value - was) > 1.05 * speed * passed + _ROUNDING:
+                raise RefusalError(
+                    RefusalReason.STEP,
+                    f"correction of {name} steps from {was:g} to {value:g} within {passed:.3g} s; expected at most "
+                    f"{speed:g} a second (m, rad)",
                 )
 
     def _check_stamp(self, stamp_ns: int, now_ns: int) -> None:

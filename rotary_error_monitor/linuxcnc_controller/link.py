@@ -84,8 +84,8 @@ class Link:
         (reading, is_exact), now = self._read(clock), clock()
         self._check_pulse(reading, now.steady_ns)
         kinematics = self._pins.kinematics(reading)
-        if kinematics is None:
-            return self._state(reading, is_exact, None, UNKNOWN_KINEMATICS)
+        if kinematics is None:  # as where the machine is off, and lets its joints be anywhere
+            return self._state(reading, is_exact, None, self._control.blocked(reading) or UNKNOWN_KINEMATICS)
         trouble = CLEARING
         if now.steady_ns >= self._clear_until_ns:
             if self._clear_until_ns:

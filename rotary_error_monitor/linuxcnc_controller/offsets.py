@@ -145,12 +145,20 @@ class OffsetControl:
         if self._course is not None:
             self._course.halt()
 
-    def step(self, reading: ControllerReading, kinematics: Kinematics, steady_ns: int) -> OffsetAction:
-        """What to write now, given what the controller shows, at a time of a clock that never steps (ns)."""
-        blocked = _blocked(reading)
-        if blocked:
+    def blocked(self, reading: ControllerReading) -> str:
+        """Why the controller takes up no counts now; empty where it does.
+
+        What it makes of its numbers meanwhile is its own: they are taken anew after it, and no hand has changed them.
+        """
+        found = _blocked(reading)
+        if found:
             self._anchor, self._written, self._doubts = None, None, 0
             self._target = self._course = None
+        return found
+
+    def step(self, reading: ControllerReading, kinematics: Kinematics, steady_ns: int) -> OffsetAction:
+        """What to write now, given what the controller shows, at a time of a clock that never steps (ns)."""
+        if blocked := self.blocked(reading):
             return OffsetAction(None, blocked)
         anchor = self._find_anchor(reading)
         if anchor is None:

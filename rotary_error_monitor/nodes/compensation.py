@@ -235,6 +235,7 @@ class Compensation(ManagedNode):
             "stale_offsets": self._output.stale,
             "latched": compensator.state.latched,
             "standard_uncertainty_um": "none" if math.isnan(compensator.deviation) else compensator.deviation * 1e6,
+            "refused_error_motion": compensator.refused_motion.total(),
             "refused_joint_states": compensator.joints.checks.refused.total(),
             "refused_temperatures": compensator.thermometer.refused.total(),
             **limit_figures(self),

@@ -119,8 +119,12 @@ class ConnectedNode(LifecycleNode):
         self._subscribe(topic.name, kind, qos, lambda received: callback(*received), raw=True)
 
     def listen_to_blocks(self, topic: Topic, callback: Callable[[SampleBlock], None]) -> None:
-        """The same for sample blocks, without building a message: they come thousands of times a second."""
-        decoder = BlockDecoder()
+        """The same for sample blocks, without building a message: they come thousands of times a second.
+
+        Those that are computed are refused in another frame than the contract's. A raw stream may be of any driver: its
+        topic says whose readings they are, and readings are along no axes of a frame.
+        """
+        decoder = BlockDecoder(frame=None if topic.is_raw else topic.frame)
         self.listen_to_bytes(topic, lambda data, _: callback(decoder.decode(data)))
 
     def listen(self, name: str, kind: type[Any], qos: QoSProfile, callback: Callable[[messages.Message], None]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from rclpy.serialization import deserialize_message
 from rclpy.topic_endpoint_info import TopicEndpointInfo
@@ -22,7 +22,7 @@ from rotary_error_monitor.linuxcnc_controller.offsets import WAITING
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.diagnostics import Condition, Level
 from rotary_error_monitor.nodes.managed import ManagedNode
-from rotary_error_monitor.nodes.publishers import deafness, name_of
+from rotary_error_monitor.nodes.publishers import Names, deafness
 from rotary_error_monitor.nodes.qos import profile
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 
@@ -32,6 +32,10 @@ _WATCH_PERIOD = 0.05
 
 _ROLL_CALL = 5
 """Every so many watches the publishers are listed, in 0.2 ms; also when a message does not continue the last one."""
+
+WAITING_MESSAGES = 5
+"""Corrections that may wait for the node: whoever was stopped needs the newest, and would refuse the others one by one
+for their age while more come. A few may, so that two publishers that speak at once are both heard."""
 
 _LOG_PERIOD_NS = NANOSECONDS
 _SAY_PERIOD_NS = NANOSECONDS // 5
@@ -84,6 +88,7 @@ class CorrectionListener:
         self._limits: GateLimits | None = None
         self._intake: CorrectionIntake | None = None
         self._publishers: tuple[str, ...] = ()
+        self._names = Names()
         self._watches = 0
         self._said: tuple[object, ...] = ()
         self._said_ns = 0
@@ -91,11 +96,12 @@ class CorrectionListener:
         self._logged_ns: dict[object, int] = {}
         diagnostics = node.wire.topic("diagnostics")
         self._diagnostics = node.publish_on(diagnostics)
-        node.listen_to_numbered(self._topic, self._receive)
+        node.listen_to_numbered(self._topic, self._receive, WAITING_MESSAGES)
         node.every(_WATCH_PERIOD, self._watch)
 
     def believe(self, limits: GateLimits | None) -> None:
         """Believe what keeps within `limits` from now on, or nothing; the same limits change nothing."""
+        limits = None if limits is None else replace(limits, frame=self._topic.frame)
         if limits != self._limits:
             self._limits, self._intake = limits, None if limits is None else CorrectionIntake(limits)
 
@@ -137,7 +143,8 @@ class CorrectionListener:
         if number is not None and not intake.sources.continues(number):
             self._enlist(intake, steady_ns)
         stamp_ns = messages.ns_from_stamp(message.header.stamp)
-        what = CorrectionMessage(stamp_ns, list(message.name), message.position, message.velocity)
+        names, frame = list(message.name), message.header.frame_id
+        what = CorrectionMessage(stamp_ns, names, message.position, message.velocity, frame)
         try:
             correction = intake.take(what, number, self._node.now_ns(), steady_ns)
         except RefusalError as error:
@@ -166,12 +173,13 @@ class CorrectionListener:
         return is_due
 
     def _enlist(self, intake: CorrectionIntake, steady_ns: int) -> None:
-        self._publishers = tuple(map(self._describe, self._node.get_publishers_info_by_topic(self._topic.name)))
+        there = self._node.get_publishers_info_by_topic(self._topic.name)
+        self._publishers = tuple(map(self._describe, there, self._names.of(there)))
         intake.sources.enlist(self._publishers, steady_ns)
 
-    def _describe(self, publisher: TopicEndpointInfo) -> str:
+    def _describe(self, publisher: TopicEndpointInfo, name: str) -> str:
         reason = deafness(publisher, self._topic.type, profile(self._topic))
-        return f"{name_of(publisher)} ({reason})" if reason else name_of(publisher)
+        return f"{name} ({reason})" if reason else name
 
     def _watch(self) -> None:
         """Say at once when corrections begin or end to be held, or are held for another reason."""

@@ -108,7 +108,8 @@ class Dashboard(ManagedNode):
 
     def _listen(self) -> None:
         """To what nobody has to wait for: a block or a pose that is missed is missed on the page alone."""
-        decoder, samples = BlockDecoder(), self.wire.topic("error_motion_samples")
+        samples = self.wire.topic("error_motion_samples")
+        decoder = BlockDecoder(frame=samples.frame)
         self._subscribe(
             samples.name,
             messages.message_class(samples.type),

@@ -252,10 +252,11 @@ class LinuxcncBridge(ManagedNode):
         self._names = hello.names
         self._loss, self._absence = "", "the link has told of no machine yet"
         corrected = tuple("".join(self.setting("corrected").split())) or hello.names
-        largest = self._link.course_limits(name in ROTARY for name in hello.names).largest
+        course = self._link.course_limits(name in ROTARY for name in hello.names)
+        age, tolerance = self.setting("max_age"), self.setting("clock_tolerance")
         try:
             self._listener.believe(
-                GateLimits(hello.names, largest, corrected, self.setting("max_age"), self.setting("clock_tolerance"))
+                GateLimits(hello.names, course.largest, corrected, age, tolerance, speed=course.speed)
             )
         except InputError as error:
             self._listener.believe(None)

@@ -130,7 +130,7 @@ class MockController(ManagedNode):
             follow=lambda correction: course.aim(correction.positions),
             halt=course.halt,
         )
-        listener.believe(GateLimits(letters, limits.largest, letters, self.setting("max_age")))
+        listener.believe(GateLimits(letters, limits.largest, letters, self.setting("max_age"), speed=limits.speed))
         self.at_each(_JOINT_STATE_PERIOD, advance)
         return listener
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 from rclpy.node import Node
@@ -58,13 +58,34 @@ class SoleSource:
         return now - self._seen <= max(MEMORY, _PAUSES * pause)
 
 
+NAMELESS = "(a node of unknown name)"
 _UNKNOWN = "_UNKNOWN_"
 
 
 def name_of(publisher: TopicEndpointInfo) -> str:
     """Name of the node that a publisher belongs to."""
     name = f"{publisher.node_namespace.rstrip('/')}/{publisher.node_name}"
-    return "(a node of unknown name)" if _UNKNOWN in name else name
+    return NAMELESS if _UNKNOWN in name else name
+
+
+class Names:
+    """Names of publishers, as the graph told them at any time while they are there.
+
+    It may forget whose one is while it goes on, such as when another node of that name has ended.
+    """
+
+    def __init__(self) -> None:
+        self._known: dict[tuple[int, ...], str] = {}
+
+    def of(self, publishers: Sequence[TopicEndpointInfo]) -> list[str]:
+        """Name of the node that each of all publishers of a topic belongs to."""
+        there = [tuple(each.endpoint_gid) for each in publishers]
+        told = [name_of(each) for each in publishers]
+        known = {
+            gid: self._known.get(gid, name) if name == NAMELESS else name for gid, name in zip(there, told, strict=True)
+        }
+        self._known = {gid: name for gid, name in known.items() if name != NAMELESS}
+        return [known[gid] for gid in there]
 
 
 def deafness(publisher: TopicEndpointInfo, kind: str, qos: QoSProfile) -> str:

@@ -11,6 +11,7 @@ A machine without a monitored axis is corrected by its description alone: each j
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -140,6 +141,16 @@ class Compensator:
     def state(self) -> CorrectionState:
         """Where the limits stand: last correction, whether an error latched and why."""
         return self._corrector.state
+
+    @property
+    def lacks_temperature(self) -> bool:
+        """Whether the reference temperature stands in for one that is needed and was not told or not believed."""
+        return self._decisions is None and self.thermometer.needed and not self.thermometer.has_spoken
+
+    @property
+    def refused_motion(self) -> Counter[str]:
+        """Ticks of error motion that are not used for what they say, by reason."""
+        return self._checks.motion.refused
 
     @property
     def deviation(self) -> float:

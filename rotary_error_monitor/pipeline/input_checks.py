@@ -14,7 +14,7 @@ from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.far_distance import FarDistance
 from rotary_error_monitor.pipeline.joints import AxisPositions
 from rotary_error_monitor.pipeline.kernel import JudgedTicks, Tolerated, chosen_kernel
-from rotary_error_monitor.pipeline.motion_limits import MotionLimits
+from rotary_error_monitor.pipeline.motion_checks import MotionChecks
 from rotary_error_monitor.pipeline.verdict import DOUBTS, names_of
 
 MEMORY_NS = 2_000_000_000
@@ -74,11 +74,15 @@ class Checked:
 
 
 class InputChecks:
-    """Holds error motion and joint states against one another."""
+    """Holds error motion and joint states against one another.
+
+    Attributes:
+        motion: which error motion is believed by itself.
+    """
 
     def __init__(self, machine: MachineDescription, tolerances: Tolerances, limits: StageLimits) -> None:
         """Checks for a machine whose monitored axis is a stage with limits; for one without they are never asked."""
-        self._motion = MotionLimits(limits)
+        self.motion = MotionChecks(limits)
         self._letter = machine.monitored or ""
         self._column = machine.letters.index(machine.monitored) if machine.monitored else 0
         self._tolerances, self._jitter_ns = tolerances, round(tolerances.stamp_tolerance * 1e9)
@@ -99,7 +103,8 @@ class InputChecks:
         self.forget()
 
     def forget(self) -> None:
-        """Forget the commands of the past."""
+        """Forget commands and error motion of the past."""
+        self.motion.forget()
         self._times = np.empty(0, np.int64)
         self._commands = np.empty(0)
         self._disagreed_ns = None
@@ -125,9 +130,9 @@ class InputChecks:
         difference, usable, command, fresh, agree, fits, proven = self._judged(axes, doubts)
         usable, agree = self._latched(motion.times_ns, usable, agree)
         command = self._as_before(axes, motion.times_ns, difference, command)
-        beyond = self._motion.beyond(motion)
-        if beyond is not None:
-            usable = usable & ~beyond.any(axis=1)
+        refused = self.motion.judge(motion)
+        if refused is not None:
+            usable = usable & ~refused
         self._verified = bool(proven[-1])
         if fresh[-1]:
             self._apart = not agree[-1]
@@ -146,7 +151,7 @@ class InputChecks:
                     (not agree[-1], self._where(commanded[-1], told_angle)),
                     (not fits[-1], "the stage does not fit its description; the estimator's diagnostics say how"),
                     (not proven[-1], "the stage's description has not been held against a whole turn yet"),
-                    (beyond is not None, "" if beyond is None else self._motion.told(motion, beyond)),
+                    (self.motion.reason, self.motion.reason),
                 )
                 if wrong
             )

@@ -54,6 +54,9 @@ class Collected:
         self.saturated: dict[str, int] = {}
         self.doubted: dict[str, str] = {}
         self.holds: dict[str, str] = {}
+        self.motion_refused: dict[str, int] = {}
+        self.unwarmed = 0
+        self._hold = ""
         self._joints_arrival = ArrivalCheck()
 
     def note(self, topic: str, content: Content) -> None:
@@ -133,19 +136,28 @@ class Collected:
             yield f"{name}: {count} samples at or beyond the end of its range were not used; is its unit right?"
         for what, why in self.doubted.items():
             yield f"{what}: not believed at some time: {why}"
+        for why, count in self.motion_refused.items():
+            yield f"error motion: {count} ticks without a tool offset: {why}"
+        if self.unwarmed:
+            yield f"{self.unwarmed} tool offsets without a temperature that is believed: that of reference stands in"
         for why in self.holds.values():
             yield f"tool offsets were held at some time: {why}"
+        if self._hold and not len(self.offsets):
+            yield f"no tool offset: {self._hold}"
 
     def add_compensation(self, compensator: Compensator, *, last: bool = False) -> None:
         """Take offsets and corrections of what was accepted, and why they are held once they have begun."""
         found = compensator.finish() if last else compensator.advance()
         for block in found.offsets:
             self.offsets.append(block)
+            self.unwarmed += len(block.rows) if compensator.lacks_temperature else 0
+        self._hold = compensator.joints.doubt or compensator.hold or self._hold  # as a node has it, which says the last
         self.corrections.extend(found.corrections)
         if self._whole_corrections is not None:
             self._whole_corrections += found.corrections
         if compensator.hold and len(self.offsets):
             self.holds.setdefault(without_numbers(compensator.hold), compensator.hold)
+        self.motion_refused = dict(compensator.refused_motion)
 
     def result(
         self,

@@ -1,8 +1,12 @@
 """A correction message is believed as a whole or not at all, and each refusal says why."""
 
 import math
+from contextlib import suppress
+from dataclasses import replace
 
+import numpy as np
 import pytest
+from faults.documenting import Row, shows
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -110,6 +114,90 @@ def test_a_wrong_message_is_refused_with_its_reason_and_the_next_right_one_is_be
             gate.judge(wrong, NOW)
         assert caught.value.doubt is doubt
     assert gate.judge(message(age_ns=49 * MS), NOW).positions == GOOD
+
+
+@pytest.mark.parametrize(
+    "frame", ["", "workpiece", "Base", "base/", "x" * 10_000], ids=lambda frame: frame[:9] or "none"
+)
+def test_corrections_in_another_frame_are_refused_and_both_are_named(frame):
+    gate = CorrectionGate(replace(LIMITS, frame="base"))
+    with pytest.raises(RefusalError, match=f"in the frame '{frame[:90]}.*'; expected 'base'") as caught:
+        gate.judge(replace(message(), frame=frame), NOW)
+    assert caught.value.doubt is RefusalReason.FRAME and len(str(caught.value)) < 300
+    assert gate.judge(replace(message(), frame="base"), NOW).positions == GOOD
+
+
+SPEED = (2e-3, 2e-3, 2e-3, 2e-2, 2e-2)
+
+
+def course(seed, seconds=4.0):
+    """Corrections of five axes, 100 a second, by a sine each that stays within size and speed: stamps and positions."""
+    draw = np.random.default_rng(seed)
+    t, pace = np.arange(0.0, seconds, 0.01), draw.uniform(0.5, 5.0, 5)
+    size = np.minimum(0.9 * np.array(LARGEST), 0.99 * np.array(SPEED) / pace) * draw.uniform(0.2, 1.0, 5)
+    return NOW + np.rint(t * 1e9).astype(np.int64), size * np.sin(np.outer(t, pace) + draw.uniform(0, 6, 5))
+
+
+def believed(stamps, positions):
+    """Which of the messages are believed, as positions by their place."""
+    gate, found = CorrectionGate(replace(LIMITS, speed=SPEED)), {}
+    for place, (stamp, values) in enumerate(zip(stamps.tolist(), positions.tolist(), strict=True)):
+        with suppress(RefusalError):
+            found[place] = gate.judge(CorrectionMessage(stamp, AXES, values), stamp + 5 * MS).positions
+    return found
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_corrections_within_the_speed_are_all_believed_however_many_are_lost(seed):
+    stamps, positions = course(seed)
+    kept = np.random.default_rng(seed).random(len(stamps)) < 0.6
+    assert len(believed(stamps, positions)) == len(stamps)
+    assert len(believed(stamps[kept], positions[kept])) == kept.sum()
+
+
+@shows(
+    Row(
+        "corrections",
+        "One axis of the corrections is in another unit, mm for m or degrees for rad, and passes zero",
+        "`corrections` of the controller's node: the axis, its step and how fast it may change; `refused_step` counts",
+        "the message before has to lead to it within the axis's speed limit, whatever its size",
+        "the last correction that was believed is held",
+        "with the second message in the right unit",
+    )
+)
+@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("axis", range(5))
+def test_an_axis_in_another_unit_that_passes_zero_is_not_believed_there(seed, axis):
+    """Its amplitude is a tenth of what it may be at least, so that it is far too large but about its zeros."""
+    stamps, positions = course(seed)
+    positions[:, axis] = 0.3 * LARGEST[axis] * np.sin(1.5e-9 * (stamps - NOW) + 0.4 + seed)
+    wrong = slice(100, 300)
+    told = positions.copy()
+    told[wrong, axis] *= 1000.0 if axis < 3 else 57.3
+    assert (np.abs(told[wrong, axis]) < LARGEST[axis]).any() or axis < 3
+    found = believed(stamps, told)
+    assert not set(range(*wrong.indices(len(told)))) & found.keys()
+    assert set(range(302, len(told))) <= found.keys() and set(range(100)) <= found.keys()
+
+
+def test_corrections_that_go_on_from_elsewhere_are_believed_from_the_second_on():
+    """A compensation that was started anew and was not told what is in effect."""
+    stamps, positions = course(1)
+    positions[200:] = positions[200]
+    positions[200:, 0] = positions[199, 0] - 3e-4
+    found = believed(stamps, positions)
+    assert 200 not in found and set(range(201, len(stamps))) <= found.keys()
+    later = np.where(np.arange(len(stamps)) < 200, stamps, stamps + 500 * MS)  # after half a second of silence
+    assert 200 in believed(later, positions)
+
+
+def test_a_step_is_told_with_its_axis_and_the_speed():
+    gate = CorrectionGate(replace(LIMITS, speed=SPEED))
+    gate.judge(message(age_ns=50 * MS), NOW)
+    with pytest.raises(
+        RefusalError, match=r"correction of Z steps from 3e-06 to 0.0004 within 0.01 s; .* 0.002 a second"
+    ):
+        gate.judge(message(positions=change(2, 4e-4), age_ns=40 * MS), NOW)
 
 
 numbers = st.floats(allow_nan=True, allow_infinity=True, width=64)

@@ -1,6 +1,7 @@
 """What comes is followed or held, and why and since when is said at once."""
 
 import pytest
+from faults.documenting import Row, shows
 
 from rotary_error_monitor.linuxcnc_controller.gate import CorrectionMessage, GateLimits, RefusalError, RefusalReason
 from rotary_error_monitor.linuxcnc_controller.intake import NOTHING_COMES, NOTHING_YET, PRESENT, CorrectionIntake
@@ -50,6 +51,31 @@ def test_while_corrections_come_nothing_is_held():
         assert desk.send() is None
         assert desk.hold is None
     assert desk.wait(100) is None
+
+
+@shows(
+    Row(
+        "corrections",
+        "A second publisher of corrections that speaks seldom, once a second or less",
+        "`corrections` of the controller's node: two publishers, for half a second after each of its messages",
+        "none of its messages is followed; one that was heard and is silent for half a second does not count",
+        "the axes rest for half a second after each of its messages, and follow the other one between them",
+        "half a second after its last message",
+    )
+)
+@pytest.mark.parametrize("pause_ms", [1000, 2000, 5000])
+def test_of_a_second_publisher_that_speaks_seldom_nothing_is_followed(pause_ms):
+    desk = Desk("/compensation", "/rogue")
+    sent, followed = {7: [], 100: []}, {7: 0, 100: 0}
+    numbers = dict.fromkeys(sent, 0)
+    for step in range(10 * pause_ms // 10):
+        who = 7 if step % (pause_ms // 10) == 50 else 100
+        numbers[who] += 1
+        refused = desk.send(number=10_000 * who + numbers[who])
+        followed[who] += refused is None
+        sent[who].append(refused)
+    assert followed[7] == 0 and set(sent[7]) == {RefusalReason.PUBLISHERS}
+    assert followed[100] / len(sent[100]) == pytest.approx(1.0 - 500 / pause_ms, abs=0.06)
 
 
 def test_without_corrections_the_last_one_is_held_after_their_largest_age():

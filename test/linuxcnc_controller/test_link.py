@@ -119,6 +119,38 @@ def test_machine_off_holds_and_machine_on_begins_anew(bench):
     assert max(bench.errors()) < NANOMETRE
 
 
+class Elsewhere:
+    """Joints that are where no kinematics puts them."""
+
+    def __init__(self, kinematics):
+        self.kinematics = kinematics
+
+    def to_joints(self, axes):
+        return tuple(joint + 1e-4 for joint in self.kinematics.to_joints(axes))
+
+
+@pytest.mark.parametrize(
+    ("fault", "reason"), [("on", "is off"), ("homed", "is not homed"), ("teleop", "is in joint mode")]
+)
+def test_a_machine_that_is_off_is_told_as_off_wherever_its_joints_are(bench, fault, reason):
+    """And what it does to its offsets meanwhile is nobody's hand: LinuxCNC itself zeroes them."""
+    bench.run()
+    controller = bench.controller
+    kinematics = controller.kinematics
+    setattr(controller, fault, False)
+    controller.kinematics = Elsewhere(kinematics)
+    state = bench.look(5)
+    assert (state.trouble, state.valid) == (f"the machine {reason}", False)
+    controller.requested, controller.applied = [0.0] * 5, [0.0] * 5
+    bench.look(20)
+    setattr(controller, fault, True)
+    assert bench.look(5).trouble == UNKNOWN_KINEMATICS
+    controller.kinematics = kinematics
+    state = bench.run()
+    assert (state.trouble, state.takeovers) == ("", 0)
+    assert max(bench.errors()) < NANOMETRE
+
+
 def test_nothing_is_queued_in_joint_mode(bench):
     bench.run()
     bench.controller.teleop = False

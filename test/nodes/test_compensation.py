@@ -37,7 +37,9 @@ class MotionFeed:
 
     def __init__(self, cell, plant) -> None:
         self._cell, self._plant = cell, plant
-        self._send = cell.publish_blocks(cell.wire.topic("error_motion_samples"))
+        self._topic = cell.wire.topic("error_motion_samples")
+        self._send = cell.publish_on(self._topic)
+        self.frame = self._topic.frame
         self.sent_ns = 0
         self.observable = ALL_BUT_AXIAL
 
@@ -48,11 +50,12 @@ class MotionFeed:
             return self.sent_ns
         rows = np.zeros((len(stamps), len(COLUMNS)))
         command, _ = self._plant.motion.at((stamps - self._plant.epoch_ns) * 1e-9)
-        values = {"theta": command + theta_offset, "exc": exc, "observable": self.observable, "streams": 63}
+        lives = exc * (1.0 + 1e-9 * np.sin(1e-9 * (stamps % 10**9)))  # no estimate of a rotor in motion is constant
+        values = {"theta": command + theta_offset, "exc": lives, "observable": self.observable, "streams": 63}
         values |= {f"var_{name}": 1e-16 for name in ("exc", "eyc", "eac", "ebc", "ecc")}
         for name, value in values.items():
             rows[:, COLUMNS.index(name)] = value
-        self._send(block_from_samples(stamps, COLUMNS, rows))
+        self._send(messages.block_bytes(block_from_samples(stamps, COLUMNS, rows), self.frame))
         self.sent_ns = self.sent_ns if ahead_ns else int(stamps[-1])
         return self.sent_ns
 
@@ -339,6 +342,31 @@ def test_wrong_joint_states_are_refused(cell, feed):
     cell.wait_for_status(f"compensation: refused {topic.name}", "all must be finite")
     send(messages.joint_state_message(now_ns, "base", "XY", [0.0, 0.0]))
     cell.wait_for_status(f"compensation: refused {topic.name}", "lacks axis")
+
+
+@shows(
+    Row(
+        "messages",
+        "Error motion, or corrections, in another frame than the contract's, or in none",
+        "`compensation: refused …/error_motion/samples`; `corrections` of the controller's node, `refused_frame`: both "
+        "frames are named",
+        "the message is refused: its components are along other axes, though their sizes tell nothing of it",
+        "corrections are held",
+        "with the first message in the right frame",
+    )
+)
+@pytest.mark.parametrize("frame", ["workpiece", ""])
+def test_error_motion_in_another_frame_is_refused_and_both_are_named(cell, feed, corrections, frame):
+    cell.run(MockController, "mock_controller", machine="xyzac_trt")
+    cell.run(Compensation, "compensation", machine="xyzac_trt", age_limit=0.5)
+    feed.run_until(lambda: bool(corrections), "corrections")
+    feed.frame = frame
+    refused = f"compensation: refused {cell.wire.topic('error_motion_samples').name}"
+    feed.run_until(lambda: cell.has_status(refused, f"in the frame '{frame}'; expected 'stage'"), "a word")
+    feed.run_until(is_held_for(cell, "no error motion for"), "the hold")
+    before = len(corrections)
+    feed.frame = "stage"
+    feed.run_until(lambda: len(corrections) > before, "corrections again")
 
 
 WRONG_INPUTS = {

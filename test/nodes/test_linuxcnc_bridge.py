@@ -8,7 +8,9 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -301,6 +303,41 @@ def test_a_machine_that_goes_off_in_any_way_holds_and_goes_on_from_where_it_is(c
             correct(lambda begin=begin: len(witness.seen) > begin + 30, "time to pass", FAR)
             assert latest_ns(applied) < off_ns, "nothing is published of a machine that may be anywhere"
             assert np.ptp(witness.effects(begin), axis=0).max() < 1e-12
+
+
+@contextmanager
+def swinging(correct):
+    """Corrections that move meanwhile, X by 50 µm, from a thread of their own."""
+    ending = threading.Event()
+
+    def send():
+        while not ending.wait(0.01):
+            correct.send({**CORRECTION, "X": 5e-5 * math.sin(3.0 * time.monotonic())})
+
+    sender = threading.Thread(target=send)
+    sender.start()
+    try:
+        yield
+    finally:
+        ending.set()
+        sender.join()
+
+
+@pytest.mark.linuxcnc
+def test_a_machine_that_goes_off_while_corrections_move_is_told_as_off(cnc):
+    """Its joints lie beside what offsets in motion say, and LinuxCNC zeroes these: no kinematics, and no hand."""
+    with Cell() as cell:
+        heard = cell.collect(cell.wire.topic("diagnostics"))
+        cell.start("linuxcnc_bridge", **where(cnc))
+        with swinging(CorrectionMaker(cell)):
+            for fault in (OFF, ESTOP, OFF, OFF):
+                operate(cnc, "--prepare")
+                cell.wait_until(lambda: cell.has_status(CORRECTIONS, "applied"), "the corrections to be applied")
+                cell.spin_for(0.3)
+                command(cnc, *fault)
+                cell.wait_until(lambda: cell.has_status(CORRECTIONS, "held: the machine is off"), "the hold")
+        said = {each.message for array in heard for each in array.status}
+        assert not [words for words in said if "kinematics" in words or "another hand" in words]
 
 
 @shows(

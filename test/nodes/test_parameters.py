@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from importlib import import_module
+
 import pytest
+import yaml
 from rclpy.parameter import Parameter
 
 from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.parameters import cell_settings
+from rotary_error_monitor.resources import config
+from rotary_error_monitor.supervision.cell_file import executables
 from rotary_error_monitor.testing import Cell
 
 
@@ -96,3 +101,36 @@ def test_a_wrong_parameter_is_refused_before_the_node_configures_too(name, value
 def test_cell_settings_by_name_and_group():
     assert [setting.name for setting in cell_settings("stage")] == ["stage"]
     assert {setting.name for setting in cell_settings("mock.")} >= {"mock.seed", "mock.epoch"}
+
+
+def numbers_of(section, before=""):
+    """Parameters by their dotted names."""
+    found = {}
+    for name, value in section.items():
+        found |= numbers_of(value, f"{before}{name}.") if isinstance(value, dict) else {before + name: value}
+    return found
+
+
+ELSEWHERE = {"mock_controller", "stage_follower"}
+"""Nodes that stand for others of the shipped cell, which can be started as it is: their publishers would be two."""
+
+
+@pytest.mark.parametrize("name", sorted({*executables()} - ELSEWHERE))
+def test_the_table_of_all_parameters_is_one(name):
+    """Each parameter of each node stands in the shipped cell, with its default, but for `source` and `head`."""
+    sections = {
+        key.strip("/*"): numbers_of(section["ros__parameters"])
+        for key, section in yaml.safe_load(config("cell.yaml").read_text(encoding="utf-8")).items()
+    }
+    own = next((found for key, found in sections.items() if key.startswith(name)), {})
+    module = import_module(f"rotary_error_monitor.nodes.{name}")
+    (kind,) = (each for each in vars(module).values() if is_node(each, module))
+    assert not {each.name for each in kind.settings} - own.keys() - sections[""].keys()
+    defaults = {each.name: each.default for each in kind.settings if each.name in own}
+    assert {key: own[key] for key in defaults.keys() - {"source", "head"}} == {
+        key: value for key, value in defaults.items() if key not in {"source", "head"}
+    }
+
+
+def is_node(each, module):
+    return isinstance(each, type) and issubclass(each, ManagedNode) and each.__module__ == module.__name__

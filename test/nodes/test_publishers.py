@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from types import SimpleNamespace
 
 import pytest
 import rclpy
@@ -14,7 +15,7 @@ from sensor_msgs.msg import Imu, JointState, PointCloud2
 from rotary_error_monitor.nodes.compensation import Compensation
 from rotary_error_monitor.nodes.diagnostics import status_name
 from rotary_error_monitor.nodes.error_estimator import ErrorEstimator
-from rotary_error_monitor.nodes.publishers import SoleSource
+from rotary_error_monitor.nodes.publishers import NAMELESS, Names, SoleSource
 
 
 @pytest.fixture
@@ -26,6 +27,20 @@ def stranger(cell):
     yield node
     node.destroy_node()
     context.try_shutdown()
+
+
+def test_a_publisher_that_goes_on_keeps_its_name_though_the_graph_forgets_it():
+    """As where another node of its name and process has ended."""
+
+    def told(number, name):
+        return SimpleNamespace(endpoint_gid=[number, 0], node_namespace="/", node_name=name)
+
+    names, forgotten = Names(), "_NODE_NAME_UNKNOWN_"
+    assert names.of([told(1, "compensation"), told(2, forgotten)]) == ["/compensation", NAMELESS]
+    assert names.of([told(2, "rogue"), told(1, forgotten)]) == ["/rogue", "/compensation"]
+    assert names.of([told(1, "other")]) == ["/other"]
+    assert names.of([]) == []
+    assert names.of([told(1, forgotten)]) == [NAMELESS], "one that ended has no name to give"
 
 
 BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)

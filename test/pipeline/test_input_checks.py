@@ -49,7 +49,7 @@ def run(off, end, jitter=0.0, block=5):
         t = (times - START) * 1e-9
         wrong = np.where(t < end, off, 0.0)
         motion = replace(ErrorMotion.unknown(block), theta=angle(t), times_ns=times)
-        motion.components[:, 5] = -wrong
+        motion.components[:, 0], motion.components[:, 5] = 1e-12 * np.sin(50.0 * t), -wrong
         for place in (0, 1, 3, 4, 5):
             motion.observable[:, place] = True
             motion.covariance[:, place, place] = 1e-14
@@ -103,6 +103,7 @@ def test_a_rotation_in_another_unit_is_not_used_where_it_comes_near(unit):
         times = START + (ms + np.arange(5)) * MS + MS // 2
         seen = angle((times - START) * 1e-9)
         motion = replace(ErrorMotion.unknown(5), theta=seen * unit if begin <= t < end else seen, times_ns=times)
+        motion.components[:, 0] = 1e-12 * np.sin(50e-9 * (times - START))
         for place in (0, 1, 3, 4, 5):
             motion.observable[:, place] = True
             motion.covariance[:, place, place] = 1e-14

@@ -190,6 +190,7 @@ def test_inputs_are_judged_alike(seed: int) -> None:
         ticks = end + np.cumsum(rng.choice([1_000_000, 3_000_000, 80_000_000], size, p=[0.9, 0.05, 0.05]))
         motion = drawn_motion(rng, int(size))
         motion.theta[:] = 1e-3 * rng.normal(size=size)
+        motion.covariance[rng.random(size) < 0.9] = 1e-14 * np.eye(6)  # those that cannot be are used by neither
         doubts = rng.choice([0, 1 << DOUBTS.index("unverified"), 1 << DOUBTS.index("ring")], size)
         batches.append((drawn_axes(rng, ticks, len(machine.letters)), replace(motion, times_ns=ticks, doubts=doubts)))
         end = int(ticks[-1])

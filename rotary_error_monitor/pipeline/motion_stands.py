@@ -1,0 +1,73 @@
+"""Error motion that repeats itself to the last bit while the rotor turns: no estimate of a rotor in motion does."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from rotary_error_monitor.arrays import Mask
+from rotary_error_monitor.metrology.error_motion import COMPONENTS, ErrorMotion
+
+LASTS_NS = 500_000_000
+"""For how long all components have bits that were there before, ns, before they are taken for stuck."""
+
+TURNED = 0.05
+"""By how much the rotor has turned meanwhile, rad: eccentricity, graduation and noise change each bit long before."""
+
+LEAST = 2
+"""Components that repeat together at least: one alone, such as that of an axial probe of coarse resolution, may."""
+
+LONGEST = 64
+"""Ticks after which the same come again at most: who is stuck may repeat a tick, or a whole block of them."""
+
+
+class MotionStands:
+    """Tells ticks whose components are those of so many ticks before, all that are observable, though the rotor turned.
+
+    It is always the same number of ticks, 1 for what stands: readings of coarse instruments come back by chance, not in
+    order. A rotor at rest may show the same bits for as long as it rests; so may an estimate that is handed on more
+    than once. Neither turns meanwhile.
+    """
+
+    def __init__(self) -> None:
+        """Nothing was seen yet."""
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget what was before."""
+        self._components = np.full((LONGEST, len(COMPONENTS)), np.nan)  # which equals nothing
+        self._seen = np.zeros((LONGEST, len(COMPONENTS)), np.bool_)
+        self._since_ns, self._since = (
+            np.zeros(LONGEST, np.int64),
+            np.zeros(LONGEST),
+        )  # by the number of ticks, last first
+        self._has_turned = np.zeros(LONGEST, np.bool_)
+
+    def judge(self, motion: ErrorMotion) -> Mask | None:
+        """(m,) which ticks repeat others for too long; none where none does."""
+        repeats = self._repeats(motion)
+        if not repeats.any():
+            self._since_ns[:], self._since[:], self._has_turned[:] = motion.times_ns[-1], motion.theta[-1], False
+            return None
+        stuck = np.zeros(len(motion.theta), np.bool_)
+        for i, (time_ns, theta) in enumerate(zip(motion.times_ns.tolist(), motion.theta.tolist(), strict=True)):
+            new = ~repeats[i]
+            self._since_ns[new], self._since[new], self._has_turned[new] = time_ns, theta, False
+            away = theta - self._since
+            self._has_turned |= np.abs(away - 2 * np.pi * np.rint(away / (2 * np.pi))) >= TURNED
+            stuck[i] = (self._has_turned & (time_ns - self._since_ns >= LASTS_NS)).any()
+        return stuck if stuck.any() else None
+
+    def _repeats(self, motion: ErrorMotion) -> Mask:
+        """(m, LONGEST) whether each tick has the bits of the one so many before, the oldest first."""
+        components = np.concatenate([self._components, motion.components])
+        seen = np.concatenate([self._seen, motion.observable])
+        self._components, self._seen = components[-LONGEST:], seen[-LONGEST:]
+        same: Mask = np.repeat((motion.observable.sum(axis=1) >= LEAST)[:, None], LONGEST, axis=1)
+        for now, before, is_seen in zip(motion.components.T, components[:-1].T, motion.observable.T, strict=True):
+            same &= (now[:, None] == sliding_window_view(before, LONGEST)) | ~is_seen[:, None]
+            if not same.any():  # mostly at the first one
+                return same
+        for is_seen, was_seen in zip(motion.observable.T, seen[:-1].T, strict=True):
+            same &= is_seen[:, None] == sliding_window_view(was_seen, LONGEST)
+        return same
