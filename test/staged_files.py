@@ -31,6 +31,7 @@ class Stage:
         truth: makes the true stage of the described one: something that the description lacks.
         cause: effect and location that a diagnosis finds for that.
         heads: letters of the heads that stay; all where there are none.
+        largest: standard deviation, m or rad: what a stage is that is no longer measured, at most.
         package: whether its sensors are of the kind of the package in `doc/examples/ball_probe`.
     """
 
@@ -40,6 +41,7 @@ class Stage:
     truth: Callable[[Content], None]
     cause: tuple[str, str]
     heads: str = ""
+    largest: float = 3e-5
     package: bool = False
 
     def described(self, folder: Path) -> Path:
@@ -108,5 +110,5 @@ STAGES = {
     "heads and two probes": Stage("Heads and two probes", AIR, (*PLANE, *TILT, *ANGLE), _tilt, TILT_CAUSE),
     "ball probes": Stage("Three probes at a ball", AIR, COMPONENTS, _axial, ("spindle_axial", "order_2"), package=True),
     "thermometer": Stage("A thermometer", (), (*PLANE, *TILT, *ANGLE), _thermal, ("thermal_drift", "")),
-    "one head": Stage("One head and two probes", (), (*PLANE, *TILT, *ANGLE), _radial, RADIAL_CAUSE, heads="a"),
+    "one head": Stage("One head and two probes", (), (*PLANE, *TILT, *ANGLE), _radial, RADIAL_CAUSE, "a", 5e-5),
 }

@@ -248,7 +248,7 @@ def find_outlying(
 
 
 @dataclass(frozen=True)
-class Jump:
+class CycleJump:
     """A step of the readings within a cycle, as of a beam that was broken.
 
     Attributes:
@@ -265,7 +265,7 @@ class Jump:
     ratio: float
 
 
-def find_jumps(runs: PositioningRuns, *, false_alarm: float = 0.01) -> tuple[Jump, ...]:
+def find_jumps(runs: PositioningRuns, *, false_alarm: float = 0.01) -> tuple[CycleJump, ...]:
     """Steps from one reading to the next that other cycles do not have there, and that do not go back at once.
 
     What drifts has small ones and a cycle that begins elsewhere none, so that neither hides a step. At the first and
@@ -285,7 +285,7 @@ def find_jumps(runs: PositioningRuns, *, false_alarm: float = 0.01) -> tuple[Jum
         return 0 < each.target < len(order) - 2 and not returns
 
     return tuple(
-        Jump(each.cycle, order[each.target], order[each.target + 1], each.excess, each.ratio)
+        CycleJump(each.cycle, order[each.target], order[each.target + 1], each.excess, each.ratio)
         for each in found
         if stays(each)
     )

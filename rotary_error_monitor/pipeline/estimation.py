@@ -338,8 +338,9 @@ class Estimator:
         )
         rows = None
         if self._mixed is not None:
-            rows = self._mixed.take_out(motion)
-            publish &= ~believed.has("command")  # whether that or a head is wrong, and the rotation, nothing tells
+            rows = self._mixed.take_out(motion, sampled, rates)
+            # beside a command that is not there, or doubted, nothing tells whether a head is wrong
+            publish &= (motion.streams & self._bits[COMMAND]) != 0
         known_by = evidence.values[:done]
         seen = (known_by[:, EVIDENCE["heads"]] > 0.0) | (known_by[:, EVIDENCE["commanded"]] > 0.0)
         if self._listed is not None:

@@ -20,9 +20,10 @@ from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 from rotary_error_monitor.metrology.error_motion import COMPONENTS, ErrorMotion, rotate
 from rotary_error_monitor.metrology.harmonics import planar_sum
 from rotary_error_monitor.metrology.rigid_motion import Seen
-from rotary_error_monitor.pipeline.distance_reach import STEADY
+from rotary_error_monitor.pipeline.evidence import SIGMAS
 from rotary_error_monitor.pipeline.publication import AssemblyVariance
 from rotary_error_monitor.pipeline.verdict import slope_of
+from rotary_error_monitor.signals.resampling import Resampled
 
 ROWS = 2
 """Rows of the least squares: mean and difference."""
@@ -84,13 +85,15 @@ def is_mixed(stage: StageDescription) -> bool:
 def limits_of_distance(stage: StageDescription) -> StageLimits:
     """Limits of a stage, between what heads tell of the rotation and its command.
 
-    What heads show of the ring's displacement that they do not tell from rotation is in their distance: one that is
-    alone shows all.
+    What heads show of the ring's displacement that they do not tell from rotation is in their distance, and what is
+    uncertain of the place that is taken off: one that is alone shows all.
     """
     limits = stage.limits
     if not is_mixed(stage):
         return limits
-    return replace(limits, following_error=limits.following_error + limits.radial / stage.ring.disc_radius)
+    assembly, radius = AssemblyVariance.of(stage), stage.ring.disc_radius
+    displaced = limits.radial + SIGMAS * float(np.sqrt(assembly.radial))
+    return replace(limits, following_error=limits.following_error + displaced / radius)
 
 
 def head_row(azimuth: float, radius: float) -> Array:
@@ -119,22 +122,29 @@ class MixedRotation:
         """Heads of `stage`, with the `bits` of its streams."""
         self._spindle, self._radius = stage.spindle, stage.ring.disc_radius
         self._azimuths = {bits[f"head_{letter}"]: azimuth for letter, azimuth in stage.azimuths.items()}
+        self._names = [f"head_{letter}" for letter in stage.azimuths]
         self._mask = sum(self._azimuths)
         # where the ring can be is taken as a rectangle, as an unknown within bounds is (JCGM 100:2008, 4.3.7)
         self._displaced = stage.limits.radial**2 / 3.0
-        # so is a fault of a head that its command does not tell: no other head would contradict it (Baarda 1968)
-        self._untold = (STEADY * limits_of_distance(stage).following_error) ** 2 / 3.0
+        limits = limits_of_distance(stage)
+        self._at_rest, self._by_speed = limits.following_error / SIGMAS, limits.latency / SIGMAS
         assembly = AssemblyVariance.of(stage)
         self._eccentricity, self._graduation = assembly.eccentricity, assembly.graduation / self._radius**2
         self._slope = slope_of(stage.mirror)
 
-    def take_out(self, motion: ErrorMotion) -> MixedRows:
+    def take_out(self, motion: ErrorMotion, sampled: Mapping[str, Resampled], rates: Mapping[str, float]) -> MixedRows:
         """Rows of the heads in an error motion of m ticks, of which only what is sure of each component stays.
 
         Its displacement is what the heads see of it, and is not observable behind this. Its first arrays are changed in
         place: positioning and tilt are as uncertain as the place of the ring makes them.
+
+        Args:
+            motion: as heads, autocollimator and command show it.
+            sampled: the streams at its ticks, or at more ticks behind these.
+            rates: samples per s of each stream.
         """
         count, heads = len(motion.theta), motion.streams & self._mask
+        untold = self._untold(sampled, rates, count)
         rows = MixedRows(
             np.zeros((count, ROWS, len(COMPONENTS))),
             np.zeros((count, ROWS)),
@@ -142,6 +152,7 @@ class MixedRotation:
             np.zeros((count, ROWS), np.bool_),
             np.zeros(count),
         )
+        motion.covariance[:, _ECC, _ECC] += np.where(motion.observable[:, _ECC], untold, 0.0)
         for mask in np.unique(heads[heads != 0]).tolist():
             layout = HeadLayout(tuple(azimuth for bit, azimuth in self._azimuths.items() if mask & bit))
             self._fill(rows, np.flatnonzero(heads == mask), motion, layout)
@@ -152,6 +163,16 @@ class MixedRotation:
             motion.covariance[:, place, place] += np.where(motion.observable[:, place], self._slope**2 * turned, 0.0)
         return rows
 
+    def _untold(self, sampled: Mapping[str, Resampled], rates: Mapping[str, float], count: int) -> Array:
+        """(m,) variance by a fault of a head that its command does not tell: no other head would contradict it, rad².
+
+        What is beyond following error, and latency times the speed, is told (Baarda 1968).
+        """
+        speed = np.zeros(count)
+        for name in self._names:
+            speed = np.maximum(speed, sampled[name].travel[:count, 0] * rates[name] / 3.0)  # over three intervals
+        return np.asarray((self._at_rest + self._by_speed * speed) ** 2)
+
     def _fill(self, rows: MixedRows, at: NDArray[np.intp], motion: ErrorMotion, layout: HeadLayout) -> None:
         """Put what heads of a layout see at some ticks, and how uncertain their positioning is without the place."""
         mixed = layout.mixed / self._radius
@@ -160,7 +181,7 @@ class MixedRotation:
         rows.displacement[at, 0] = motion.components[at, _ECC] + described @ mixed
         square = float(mixed @ mixed)
         motion.covariance[at, _ECC, _ECC] += np.where(
-            motion.observable[at, _ECC], self._eccentricity * square + self._graduation + self._untold, 0.0
+            motion.observable[at, _ECC], self._eccentricity * square + self._graduation, 0.0
         )
         rows.variance[at, 0] = motion.covariance[at, _ECC, _ECC]
         rows.there[at, 0] = motion.observable[at, _ECC]
