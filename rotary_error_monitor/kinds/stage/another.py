@@ -173,7 +173,9 @@ def left_out(twin: StageTwin, residual: Callable[[], Signals], std: dict[str, fl
         return ()
     raw = residual()
     nothing = "the twin states no {}: {} shows {} that it does not predict; {}"
-    calibrate = "`calibrate assembly` measures it, and with --most-causes 8 a diagnosis names several such parts"
+    several = len(stage.azimuths) != 1
+    measure = "`calibrate assembly` measures it" if several else "--write-twin writes what is found of it"
+    calibrate = f"{measure}, and with --most-causes 8 a diagnosis names several such parts"
     shown = {name: float(np.sqrt(np.mean(np.square(values - values.mean(axis=0))))) for name, values in raw.items()}
     largest = {each: max((s for n, s in shown.items() if instrument_of(n) == each), default=0.0) for each in std}
     if unstated and largest[HEAD] > 2 * std[HEAD]:
