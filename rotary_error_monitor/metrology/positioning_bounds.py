@@ -186,6 +186,9 @@ def _bound_mean_reversal(there: _Way, back: _Way, common: _Common) -> Interval:
     if not parts.any():
         return middle, middle
     freedom = parts.sum() ** 2 / (parts**2 / np.concatenate([there.freedom, back.freedom])).sum()
+    if not errors.any():  # nothing beside the scatter of the runs: the interval of Welch, without draws
+        reach = float(stdtrit(freedom, TAILS[1]) * np.sqrt(parts.sum()))
+        return middle - reach, middle + reach
     own = stdtrit(freedom, (np.arange(DRAWS) + 0.5) / DRAWS) * np.sqrt(parts.sum())
     reach = float(np.quantile(np.abs(np.random.default_rng(3).permutation(own) + errors), TAILS[1] - TAILS[0]))
     return middle - reach, middle + reach
