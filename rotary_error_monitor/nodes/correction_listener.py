@@ -33,10 +33,6 @@ _WATCH_PERIOD = 0.05
 _ROLL_CALL = 5
 """Every so many watches the publishers are listed, in 0.2 ms; also when a message does not continue the last one."""
 
-WAITING_MESSAGES = 5
-"""Corrections that may wait for the node: whoever was stopped needs the newest, and would refuse the others one by one
-for their age while more come. A few may, so that two publishers that speak at once are both heard."""
-
 _LOG_PERIOD_NS = NANOSECONDS
 _SAY_PERIOD_NS = NANOSECONDS // 5
 """The same is logged again after the first, and a change told by the second at the earliest: what comes and goes many
@@ -96,7 +92,7 @@ class CorrectionListener:
         self._logged_ns: dict[object, int] = {}
         diagnostics = node.wire.topic("diagnostics")
         self._diagnostics = node.publish_on(diagnostics)
-        node.listen_to_numbered(self._topic, self._receive, WAITING_MESSAGES)
+        node.listen_to_numbered(self._topic, self._receive)
         node.every(_WATCH_PERIOD, self._watch)
 
     def believe(self, limits: GateLimits | None) -> None:
