@@ -106,7 +106,8 @@ def _correlations(motion: ErrorMotion) -> NDArray[np.float64]:
     variances = motion.covariance[:, places, places]
     deviations = np.sqrt(np.maximum(variances, _NO_DEVIATION**2))
     with np.errstate(over="ignore", invalid="ignore"):
-        found = motion.covariance / deviations[:, :, None] / deviations[:, None, :]
-    found = np.fmin(np.fmax(found, -_IMPOSSIBLE), _IMPOSSIBLE)  # NaN is as impossible
+        found = motion.covariance / deviations[:, :, None]
+        found /= deviations[:, None, :]
+    np.fmin(np.fmax(found, -_IMPOSSIBLE, out=found), _IMPOSSIBLE, out=found)  # NaN is as impossible
     found[:, places, places] += ROUNDING
     return np.asarray(found)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import deque
+
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
@@ -35,18 +37,18 @@ class MotionStands:
 
     def forget(self) -> None:
         """Forget what was before."""
-        self._components = np.full((LONGEST, len(COMPONENTS)), np.nan)  # which equals nothing
-        self._seen = np.zeros((LONGEST, len(COMPONENTS)), np.bool_)
-        self._since_ns, self._since = (
-            np.zeros(LONGEST, np.int64),
-            np.zeros(LONGEST),
-        )  # by the number of ticks, last first
+        self._before: deque[ErrorMotion] = deque()
+        self._kept = 0  # ticks of them
+        self._sums: list[float] = []  # of the components of each of the last ticks
+        # by the number of ticks, last first
+        self._since_ns, self._since = np.zeros(LONGEST, np.int64), np.zeros(LONGEST)
         self._has_turned = np.zeros(LONGEST, np.bool_)
 
     def judge(self, motion: ErrorMotion) -> Mask | None:
         """(m,) which ticks repeat others for too long; none where none does."""
-        repeats = self._repeats(motion)
-        if not repeats.any():
+        repeats = self._repeats(motion) if self._may_repeat(motion) else None
+        self._keep(motion)
+        if repeats is None or not repeats.any():
             self._since_ns[:], self._since[:], self._has_turned[:] = motion.times_ns[-1], motion.theta[-1], False
             return None
         stuck = np.zeros(len(motion.theta), np.bool_)
@@ -58,16 +60,30 @@ class MotionStands:
             stuck[i] = (self._has_turned & (time_ns - self._since_ns >= LASTS_NS)).any()
         return stuck if stuck.any() else None
 
+    def _may_repeat(self, motion: ErrorMotion) -> bool:
+        """Whether any two sums of components are the same, as those of equal components are: mostly none are."""
+        self._sums = [*self._sums[-LONGEST:], *motion.components.sum(axis=1).tolist()]
+        return len(set(self._sums)) < len(self._sums)
+
+    def _keep(self, motion: ErrorMotion) -> None:
+        """Keep what the next ticks may repeat."""
+        self._before.append(motion)
+        self._kept += len(motion.theta)
+        while self._kept - len(self._before[0].theta) >= LONGEST:
+            self._kept -= len(self._before.popleft().theta)
+
     def _repeats(self, motion: ErrorMotion) -> Mask:
         """(m, LONGEST) whether each tick has the bits of the one so many before, the oldest first."""
-        components = np.concatenate([self._components, motion.components])
-        seen = np.concatenate([self._seen, motion.observable])
-        self._components, self._seen = components[-LONGEST:], seen[-LONGEST:]
+        nothing = np.full((LONGEST, len(COMPONENTS)), np.nan)  # which equals nothing
+        before = np.concatenate([nothing, *(each.components for each in self._before)])[-LONGEST:]
+        was_seen = np.concatenate([np.zeros_like(nothing, np.bool_), *(each.observable for each in self._before)])
+        components = np.concatenate([before, motion.components])
+        seen = np.concatenate([was_seen[-LONGEST:], motion.observable])
         same: Mask = np.repeat((motion.observable.sum(axis=1) >= LEAST)[:, None], LONGEST, axis=1)
-        for now, before, is_seen in zip(motion.components.T, components[:-1].T, motion.observable.T, strict=True):
-            same &= (now[:, None] == sliding_window_view(before, LONGEST)) | ~is_seen[:, None]
+        for now, earlier, is_seen in zip(motion.components.T, components[:-1].T, motion.observable.T, strict=True):
+            same &= (now[:, None] == sliding_window_view(earlier, LONGEST)) | ~is_seen[:, None]
             if not same.any():  # mostly at the first one
                 return same
-        for is_seen, was_seen in zip(motion.observable.T, seen[:-1].T, strict=True):
-            same &= is_seen[:, None] == sliding_window_view(was_seen, LONGEST)
+        for is_seen, earlier in zip(motion.observable.T, seen[:-1].T, strict=True):
+            same &= is_seen[:, None] == sliding_window_view(earlier, LONGEST)
         return same

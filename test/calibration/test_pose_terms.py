@@ -19,6 +19,7 @@ from rotary_error_monitor.machine.pose_uncertainty import MIDDLE, pose_term, pos
 from rotary_error_monitor.resources import config
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("kind", CALIBRATIONS)
 def test_errors_in_corners_are_as_large_as_the_uncertainty_there_says(kind: str) -> None:
     """Of the mean over the volume, which was stated at all poses, they were up to three times as large."""

@@ -32,6 +32,7 @@ def probed(case: Calibration, seed: int, *, shipped: bool = False) -> tuple[Mach
     return ideal, ProbedPoses(positions, direction, ideal.reference_temperature + warming, deviations, NOISE)
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("kind", CALIBRATIONS)
 @pytest.mark.parametrize("stated", [0.3, 1.0, 3.0])
 def test_clean_poses_hardly_ever_stand_off(kind: str, stated: float) -> None:
@@ -44,6 +45,7 @@ def test_clean_poses_hardly_ever_stand_off(kind: str, stated: float) -> None:
     assert found <= 1
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("kind", CALIBRATIONS)
 @pytest.mark.parametrize("wrong", [1, 3])
 def test_poses_that_stand_off_by_ten_standard_deviations_are_found_and_no_others(kind: str, wrong: int) -> None:

@@ -67,6 +67,7 @@ def test_without_probes_rotation_and_tilt_are_there_as_sure_as_the_ring_is_in_pl
     assert np.median(np.sqrt(motion.covariance[late, 5, 5])) > apart
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("heads", [ONE, ASIDE, NEARLY])
 @pytest.mark.parametrize("seed", range(3))
 def test_with_two_probes_all_but_the_axial_error_motion_is_told(heads, seed, monkeypatch):

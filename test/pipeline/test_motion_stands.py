@@ -90,6 +90,7 @@ def test_readings_of_coarse_instruments_come_back_by_chance(seed):
     assert stuck(coarse, 1.5e-3 * np.arange(20_000)) == 0
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("block", [1, 5, 512])
 @pytest.mark.parametrize("seed", range(5))
 def test_at_rest_by_coarse_instruments_and_what_is_handed_on_twice_stands_by_right(seed, block):
