@@ -20,7 +20,7 @@ LOCKS := requirements/build.lock requirements/cell.lock
 UV_COMPILE := build/lock/bin/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes \
 	--no-annotate --no-header --upgrade
 
-.PHONY: help setup bytecode run run-linuxcnc test test-live test-models test-others test-samples test-models-rates test-faults-rates test-others-rates test-python312 rates lint bench fuzz soak faults faults-doc docs lock policy clean
+.PHONY: help setup bytecode run run-linuxcnc test test-live test-models test-others test-samples test-bags test-models-rates test-faults-rates test-others-rates test-python312 rates lint bench fuzz soak faults faults-doc docs lock policy clean
 
 help: ## what the targets do
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -115,7 +115,8 @@ DRAWN := $(addprefix test/,analysis/test_trend.py analysis/test_whole_recording.
 	$(addprefix kinds/stage/test_,added_forms.py arc.py braked.py diagnosis.py forces.py gain_over_time.py jumping_thermometers.py late_thermometers.py no_gap.py noise_by_speed.py one_head.py \
 	rounding_thermometers.py sold_load_cells.py) \
 	nodes/test_stage_files.py $(addprefix pipeline/test_,common_turns.py estimation.py joint_checks.py joint_velocities.py) recordings/test_measured_curves.py)
-SAMPLES := $(addprefix test/,bags faults metrology pipeline recordings signals)
+SAMPLES := $(addprefix test/,faults metrology pipeline)
+BAGS := $(addprefix test/,bags recordings signals)
 MODELS := $(addprefix test/,effects gap kinds machine noise sensors twin)
 
 # What is marked `long` shows in minutes what others show in seconds: it is for `make rates`, and SWEEPS=1 make test-live.
@@ -128,11 +129,11 @@ COVERED := $(BIN)/python $(if $(MEASURED),-m coverage run)
 # What failed stands once more at the end, where half an hour of output ends: whoever reads only that sees it.
 FAILED := build/failed_tests.txt
 # All at once, each of about as much work as any other, so that none is left to run alone: the live ones mostly wait.
-PARTS := test-live test-others test-samples test-faults-rates test-others-rates test-models-rates test-models lint
+PARTS := test-live test-others test-samples test-bags test-faults-rates test-others-rates test-models-rates test-models lint
 test: bytecode ## lint, type check and all tests, with coverage of at least 90 % (ALSO=test-python312: that beside them)
 	$(if $(MEASURED),$(BIN)/python -m coverage erase)
 	@mkdir -p $(dir $(FAILED)) && : > $(FAILED)
-	FAILED_TESTS=$(CURDIR)/$(FAILED) $(MAKE) --no-print-directory --jobs 9 --keep-going --output-sync=target $(PARTS) $(ALSO) \
+	FAILED_TESTS=$(CURDIR)/$(FAILED) $(MAKE) --no-print-directory --jobs 10 --keep-going --output-sync=target $(PARTS) $(ALSO) \
 		|| { cat $(FAILED); exit 1; }
 	$(if $(MEASURED),$(BIN)/python -m coverage combine --quiet)
 	$(if $(MEASURED),$(BIN)/python -m coverage report)
@@ -146,8 +147,11 @@ test-models:
 test-samples:
 	$(BESIDE) $(COVERED) $(call PYTEST,$(LIVE) $(RATES),$(SAMPLES))
 
+test-bags:
+	$(BESIDE) $(COVERED) $(call PYTEST,$(LIVE) $(RATES),$(BAGS))
+
 test-others:
-	$(BESIDE) $(COVERED) $(call PYTEST,$(LIVE) $(SAMPLES) $(MODELS) $(RATES))
+	$(BESIDE) $(COVERED) $(call PYTEST,$(LIVE) $(SAMPLES) $(BAGS) $(MODELS) $(RATES))
 
 test-models-rates:
 	$(BESIDE) $(BIN)/python $(call PYTEST,,$(MODEL_RATES))

@@ -18,6 +18,7 @@ PARTS = (
     "test-models",
     "test-others",
     "test-samples",
+    "test-bags",
     "test-models-rates",
     "test-faults-rates",
     "test-others-rates",

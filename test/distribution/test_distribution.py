@@ -161,7 +161,7 @@ def test_commands_work(prefix, tmp_path):
 
 
 def test_a_bag_is_replayed(prefix, tmp_path):
-    bag = write_mock_bag(tmp_path / "bag", samples=6_000)  # more than a turn, before which offsets are held
+    bag = write_mock_bag(tmp_path / "bag", samples=8_000)  # more than a turn, before which offsets are held
     assert run(prefix, tmp_path, PACKAGE, "replay", str(bag), "--machine", "xyzac_trt", "-o", "out.npz")
     assert (tmp_path / "out.npz").is_file()
 
