@@ -93,7 +93,7 @@ SWEPT := $(addprefix test/,$(addprefix analysis/test_,motion.py probes.py) bench
 	flatness_bound_rates.py flatness_bounds.py machine_sweep.py straightness_contradictions.py straightness_rates.py \
 	straightness_sweep.py) $(addprefix cases/test_,departures.py mimics.py) \
 	$(addprefix commissioning/test_,measured_curves.py rates.py) \
-	$(addprefix faults/test_,late_heads.py listed_sensors.py one_head.py slow_autocollimators.py stuck_command.py tilt_sensors.py \
+	$(addprefix faults/test_,contradicted_autocollimator.py drifting_heads.py few_counts.py late_heads.py listed_sensors.py one_head.py slow_autocollimators.py stuck_command.py tilt_sensors.py \
 	without_heads.py) gap/test_bounds.py kinds/mount/test_departures.py \
 	$(addprefix kinds/stage/test_,admission.py gradual.py gross_readings.py listed_sensors.py motion.py play.py rounding.py \
 	slow_noise.py stuck_thermometers.py thermometers.py tilt_sensors.py told_departures.py unknown.py waves.py \
@@ -107,7 +107,7 @@ RATES := $(CELL_RATES) $(MODEL_RATES) $(SWEPT)
 DRAWN := $(addprefix test/,analysis/test_trend.py analysis/test_whole_recording.py bags/test_writer.py blind_check/test_blind_check.py \
 	$(addprefix calibration/test_,axis_table.py collimator_rates.py) cases/test_cases.py \
 	$(addprefix commissioning/test_,command.py late_instruments.py travel.py) \
-	$(addprefix faults/test_,all_late.py begin.py beyond_limits.py calibrated.py common_zero.py contradicted_autocollimator.py drifting_heads.py ends.py far_commands.py fast_stages.py few_counts.py \
+	$(addprefix faults/test_,all_late.py begin.py beyond_limits.py calibrated.py common_zero.py ends.py far_commands.py fast_stages.py \
 	few_heads.py gaps.py giving_drives.py heads_clock.py machine_faults.py recordings.py recovery.py responses.py sampled_commands.py \
 	own_motion.py sampled_heads.py scattered_samples.py spiking_heads.py stuck_axis.py two_faults.py) $(addprefix kinds/mount/test_,periods.py problem.py slow_noise.py) \
 	$(addprefix kinds/machine/test_,departures.py warming.py) $(addprefix kinds/quadrature/test_,noise.py problem.py) \
