@@ -19,6 +19,7 @@ MOST_CORNERS = 64
 """Corners that are looked at: all of six axes."""
 
 INSIDE = 300
+"""Poses over the volume: three for each of the 84 terms of six axes, so that none is fitted to single poses."""
 
 
 def poses_of_terms(machine: MachineDescription, limits: Limits | None = None) -> Array:

@@ -35,6 +35,7 @@ from rotary_error_monitor.commands.calibration_arguments import (
     add_columns,
     add_figure,
     add_place,
+    add_point,
     job_of,
     place_of,
     step,
@@ -102,15 +103,8 @@ def _add_squareness(steps: Subparsers[argparse.ArgumentParser]) -> None:
     parser.add_argument("--distance-um", type=positive, default=0.5, help="standard uncertainty (default 0.5)")
     parser.add_argument("--distance-ppm", type=not_negative, default=0.5, help="and its relative part (default 0.5)")
     parser.add_argument("--angle-arcsec", type=positive, default=0.5, help="of both angles (default 0.5)")
-    parser.add_argument(
-        "--reflector-mm",
-        type=float,
-        nargs=3,
-        default=(0.0, 0.0, 0.0),
-        metavar=("X", "Y", "Z"),
-        help="where it stands in the frame of the tool, or of the workpiece where the axis carries that (default 0 0 "
-        "0): the lever of angular errors that the file has",
-    )
+    where = "where it stands in the frame of the tool, or of the workpiece where the axis carries that"
+    add_point(parser, "--reflector-mm", where, ": the lever of angular errors that the file has")
     add_figure(parser, "draw how axes and spindle lie beside each other")
     add_columns(parser, "feature=Group x=X,mm y=Y,mm z=Z,mm")
 

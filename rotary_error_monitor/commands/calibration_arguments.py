@@ -76,16 +76,16 @@ def add_place(
     group.add_argument(
         "--at", nargs="+", default=[], metavar="Y=100", help="the other axes, mm or degrees (default: at zero)"
     )
-    group.add_argument(
-        "--beside-mm",
-        type=float,
-        nargs=3,
-        default=(0.0, 0.0, 0.0),
-        metavar=("X", "Y", "Z"),
-        help="from the tool's origin to the line that was measured, in the frame of the tool (default 0 0 0)",
-    )
+    add_point(group, "--beside-mm", "from the tool's origin to the line that was measured, in the frame of the tool")
     if temperature:
         group.add_argument("--temperature-c", type=float, help=temperature)
+
+
+def add_point(parser: argparse._ActionsContainer, name: str, told: str, ending: str = "") -> None:
+    """Take a point in mm, the origin unless it is given, of which `told` says what it is."""
+    words = f"{told} (default 0 0 0){ending}"
+    origin = (0.0, 0.0, 0.0)
+    parser.add_argument(name, type=float, nargs=3, default=origin, metavar=("X", "Y", "Z"), help=words)
 
 
 def place_of(arguments: argparse.Namespace, machine: MachineDescription) -> ReadingPlace:

@@ -6,6 +6,7 @@ import math
 from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,21 @@ from rotary_error_monitor.signals.resampling import Resampled
 AUTOCOLLIMATOR_DOUBTED = 1 << DOUBTS.index("autocollimator")
 
 ECC = COMPONENTS.index("ecc")
+
+
+class _Used(NamedTuple):
+    """What m ticks rest on beside heads that tell all, and autocollimator.
+
+    Attributes:
+        choices: (m,) bit masks of the listed sensors.
+        reading, variance: (m, p) what each field of all sensors says, and how sure.
+        heads: rows of heads that do not tell rotation and displacement apart.
+    """
+
+    choices: NDArray[np.int64]
+    reading: Array
+    variance: Array
+    heads: MixedRows | None
 
 
 class ListedSensors:
@@ -140,10 +156,11 @@ class ListedSensors:
         variance = shown.noise * scale[:, None] ** 2 + shown.systematic + shown.common
         begin = None if heads is None else heads.at(slice(done))
         if self._alone:
-            conflict = np.maximum(conflict, self._conflict_of(motion, choices, shown.reading, variance, begin))
+            conflict = np.maximum(conflict, self._conflict_of(motion, _Used(choices, shown.reading, variance, begin)))
         streams = motion.streams & ~int(bits.sum()) | choices
         used_too = replace(motion, streams=streams, sensor_scale=scale, sensor_conflict=conflict)
-        part = self._joined(used_too, choices, shown.reading, variance * conflict[:, None] ** 2, begin)
+        raised = variance * conflict[:, None] ** 2
+        part = self._joined(used_too, _Used(choices, shown.reading, raised, begin))
         if done == len(whole.theta):
             return part
         # from here on the autocollimator is taken no more, or again
@@ -181,36 +198,22 @@ class ListedSensors:
         whole.hide(taken, range(TILT.start, TILT.stop))
         return whole, refused
 
-    def _conflict_of(
-        self,
-        motion: ErrorMotion,
-        choices: NDArray[np.int64],
-        reading: Array,
-        variance: Array,
-        heads: MixedRows | None,
-    ) -> Array:
+    def _conflict_of(self, motion: ErrorMotion, used: _Used) -> Array:
         """(m,) by which the standard deviations of the chosen sensors are raised for what a tick itself shows.
 
         Where no heads show the radial error motion, a wrong probe is in it until the next window tells.
         """
-        found = np.ones(len(choices))
-        for chosen, known, seen in self._seen(motion, choices, reading, variance, heads):
+        found = np.ones(len(used.choices))
+        for chosen, known, seen in self._seen(motion, used):
             chi_square, freedom = disagreements(known, seen)
             ratio = chi_square / max(freedom, 1)
             found[chosen] = np.where(ratio > WEAK**2, np.sqrt(ratio), 1.0)
         return found
 
-    def _joined(
-        self,
-        motion: ErrorMotion,
-        choices: NDArray[np.int64],
-        reading: Array,
-        variance: Array,
-        heads: MixedRows | None,
-    ) -> ErrorMotion:
+    def _joined(self, motion: ErrorMotion, used: _Used) -> ErrorMotion:
         """With what the chosen sensors, bit masks (m,), show."""
         found = motion.components.copy(), motion.observable.copy(), motion.covariance.copy()
-        for chosen, known, seen in self._seen(motion, choices, reading, variance, heads):
+        for chosen, known, seen in self._seen(motion, used):
             extended = extend(known, seen)
             if not extended.observable[0, ECC] and motion.observable[chosen[0], ECC]:
                 extended = _with_positioning(extended, motion.at(chosen))
@@ -220,15 +223,9 @@ class ListedSensors:
                 whole[chosen] = part
         return replace(motion, components=found[0], observable=found[1], covariance=found[2])
 
-    def _seen(
-        self,
-        motion: ErrorMotion,
-        choices: NDArray[np.int64],
-        reading: Array,
-        variance: Array,
-        heads: MixedRows | None,
-    ) -> Iterator[tuple[NDArray[np.intp], ErrorMotion, Seen]]:
+    def _seen(self, motion: ErrorMotion, used: _Used) -> Iterator[tuple[NDArray[np.intp], ErrorMotion, Seen]]:
         """Places of ticks that rest on the same sensors, what is known there without these, and what they see."""
+        choices, reading, variance, heads = used
         observable = np.packbits(motion.observable, axis=1)[:, 0]
         some = np.zeros_like(choices) if heads is None else heads.kinds
         keys = zip(observable.tolist(), choices.tolist(), some.tolist(), strict=True)

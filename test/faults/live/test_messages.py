@@ -223,18 +223,28 @@ def test_parameters_at_run_time(live):
         recovery="at the rate limit from the last correction, within 1 s of the reset",
     )
 )
-def test_a_limit_is_reached_latched_and_reset(live):
+@pytest.mark.parametrize(
+    ("share", "words"),
+    [((0.0, 0.9), "error limit latched until ~/reset is called"), ((1.1, 9.0), "what cannot be in effect")],
+    ids=["below", "beyond"],
+)
+def test_a_limit_is_reached_latched_and_reset(live, share, words):
+    """What is in effect as it begins is below the limit, and passes it, or is beyond it already."""
     from std_srvs.srv import Trigger
 
     live.let_run(4.0)
     sizes = [max(abs(values[axis]) for axis in "XYZ") for _, values in live.heard.corrections]
     limit = 0.5 * (min(sizes) + max(sizes))  # the machine moves on: it is passed again soon
+
+    def is_there():
+        return share[0] * limit < max(abs(live.heard.corrections[-1][1][axis]) for axis in "XYZ") < share[1] * limit
+
+    live.wait(is_there, "corrections of that size")
     live.kill("compensation")
     in_effect = live.heard.corrections[-1]
     live.start("compensation", **{"linear.warning": 0.5 * limit, "linear.error": limit})
     begin_ns = live.active_ns("compensation")
-    # what is in effect as it begins is below the limit and passes it, or is beyond it already
-    said = live.wait_for_word("compensation: correction", begin_ns, "error limit")
+    said = live.wait_for_word("compensation: correction", begin_ns, words)
     assert "reset" in said.message
     live.let_run(0.5)
     held_ns = live.newest_ns()
