@@ -90,12 +90,14 @@ def test_with_two_probes_all_but_the_axial_error_motion_is_told(heads, seed, mon
 def test_two_heads_aside_contradict_a_probe_that_is_wrong():
     """Their difference sees a part of the displacement: both probes then count as uncertain as the contradiction."""
 
-    def stepped(name, t, readings, draw):
-        return readings + 2e-6 * (t[:, None] > 1.0) if name == "radial_probe_x" else readings
+    def off_from_the_begin(name, t, readings, draw):
+        return readings + 2e-6 if name == "radial_probe_x" else readings
 
-    pairs = recorded_of(ASIDE, AXES, fault=stepped)
+    pairs = recorded_of(ASIDE, AXES, fault=off_from_the_begin)
     _, motion, _ = run(pairs, stage_with(ASIDE, AXES))
-    found, _ = off(motion)
+    found, t = off(motion)
+    assert motion.observable[t > 2.5, :2].all()
+    assert np.median(motion.sensor_conflict[t > 2.5]) > 3.0
     assert (np.abs(found[:, :2]) > 6.0).sum() <= 0.002 * len(found)
 
 
