@@ -33,6 +33,12 @@ AUTOCOLLIMATOR_DOUBTED = 1 << DOUBTS.index("autocollimator")
 
 ECC = COMPONENTS.index("ecc")
 
+RAISES = 8
+"""Times that a contradiction is weighed anew at most: each takes the square root of what is left of it."""
+
+EXPLAINED = 1.1
+"""Chi-square over its degrees of freedom up to which what was raised explains a contradiction: 5 % of the deviation."""
+
 
 class _Used(NamedTuple):
     """What m ticks rest on beside heads that tell all, and autocollimator.
@@ -204,10 +210,16 @@ class ListedSensors:
         Where no heads show the radial error motion, a wrong probe is in it until the next window tells.
         """
         found = np.ones(len(used.choices))
-        for chosen, known, seen in self._seen(motion, used):
-            chi_square, freedom = disagreements(known, seen)
-            ratio = chi_square / max(freedom, 1)
-            found[chosen] = np.where(ratio > WEAK**2, np.sqrt(ratio), 1.0)
+        for step in range(RAISES):
+            ratio = np.zeros(len(found))
+            for chosen, known, seen in self._seen(motion, used._replace(variance=used.variance * found[:, None] ** 2)):
+                chi_square, freedom = disagreements(known, seen)
+                ratio[chosen] = chi_square / max(freedom, 1)
+            # beside heads that are less sure, the sensors have to be raised further until they explain it themselves
+            further = (ratio > WEAK**2) if step == 0 else (found > 1.0) & (ratio > EXPLAINED)
+            if not further.any():
+                break
+            found[further] *= np.sqrt(ratio[further])
         return found
 
     def _joined(self, motion: ErrorMotion, used: _Used) -> ErrorMotion:
