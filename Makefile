@@ -113,7 +113,7 @@ DRAWN := $(addprefix test/,analysis/test_trend.py analysis/test_whole_recording.
 	$(addprefix kinds/machine/test_,departures.py warming.py) $(addprefix kinds/quadrature/test_,noise.py problem.py) \
 	noise/test_listed_noise.py \
 	$(addprefix kinds/stage/test_,added_forms.py arc.py braked.py diagnosis.py forces.py gain_over_time.py jumping_thermometers.py late_thermometers.py no_gap.py noise_by_speed.py one_head.py \
-	rounding_thermometers.py sold_load_cells.py) \
+	rounding_thermometers.py sold_load_cells.py targets.py) \
 	nodes/test_stage_files.py $(addprefix pipeline/test_,common_turns.py estimation.py joint_checks.py joint_velocities.py) recordings/test_measured_curves.py)
 SAMPLES := $(addprefix test/,faults metrology pipeline)
 BAGS := $(addprefix test/,bags recordings signals)

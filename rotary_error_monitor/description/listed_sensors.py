@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from rotary_error_monitor.description.expected import entries
 from rotary_error_monitor.description.harmonics import AngularHarmonic, PlanarHarmonic
 from rotary_error_monitor.description.sections import extended, stated
-from rotary_error_monitor.description.sensor_section import ENTRY_POINTS, SensorSection, listed_kinds
+from rotary_error_monitor.description.sensor_section import ENTRY_POINTS, ProbeSection, SensorSection, listed_kinds
 from rotary_error_monitor.errors import InputError
 
 EXTERNAL_SENSORS = "external_sensors"
@@ -39,6 +39,7 @@ class ListedSensor:
             target, `azimuth - theta`; of two by orders of the rotation, x and y along the axes of the stage.
         fields: of a sample, as its kind names them.
         unit: SI unit of the fields, m, rad or N, or °C, as its kind names it.
+        target: name of the target whose `form` it sees, which others see as well; empty where it has one of its own.
     """
 
     kind: str
@@ -52,6 +53,7 @@ class ListedSensor:
     form: tuple[AngularHarmonic | PlanarHarmonic, ...] = ()
     fields: tuple[str, ...] = field(default_factory=SensorSection.sample_fields)
     unit: str = SensorSection.unit
+    target: str = ""
 
     @property
     def is_input(self) -> bool:
@@ -99,14 +101,21 @@ def listed_sensors(section: Mapping[str, SensorSection]) -> dict[str, ListedSens
     return {stream: found[stream] for stream in sorted(found)}
 
 
-def sensors_section(sensors: Mapping[str, ListedSensor], latency: Mapping[str, float]) -> dict[str, SensorSection]:
-    """The section of a file: the inverse of `listed_sensors`, with the latency of each stream."""
-    return {
-        name_of(stream, sensor): extended(
-            listed_kinds()[sensor.kind], sensor, **sensor.place, latency=latency[stream] or None
-        )
-        for stream, sensor in sensors.items()
-    }
+def sensors_section(
+    sensors: Mapping[str, ListedSensor], latency: Mapping[str, float], targets: Container[str] = ()
+) -> dict[str, SensorSection]:
+    """The section of a file: the inverse of `listed_sensors`, with the latency of each stream.
+
+    The form of one of the `targets` stands there, not with the sensors that see it.
+    """
+    found = {}
+    for stream, sensor in sensors.items():
+        kind, target = listed_kinds()[sensor.kind], sensor.target if sensor.target in targets else None
+        more: dict[str, object] = {**sensor.place, "latency": latency[stream] or None}
+        if issubclass(kind, ProbeSection):
+            more |= {"target": target, "form": None} if target else {"target": None}
+        found[name_of(stream, sensor)] = extended(kind, sensor, **more)
+    return found
 
 
 def stream_of_sensor(name: str, kind: str) -> str:

@@ -16,7 +16,7 @@ import rotary_error_monitor.description.sensor_kinds as folder
 from rotary_error_monitor.description.definition_files import own_columns
 from rotary_error_monitor.description.expected import Expected
 from rotary_error_monitor.description.harmonics import Waves
-from rotary_error_monitor.description.quantities import Latency, Noise, Range, Reading, Resolution
+from rotary_error_monitor.description.quantities import Latency, Noise, Range, Reading, Resolution, Short
 from rotary_error_monitor.description.sections import Place, Section, WrongError
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plugins import classes_in, modules_in, plugged_classes
@@ -157,6 +157,12 @@ class ProbeSection(SensorSection):
     form: Annotated[
         Waves | None, Expected("what the target shows of itself over a turn: at most 500 rows {order, cos, sin} in m")
     ] = None
+    target: Annotated[Short | None, Expected("name of one of the 'targets', whose form it sees")] = None
+
+    @property
+    def track(self) -> tuple[float, ...]:
+        """Where it sees its target, but for the azimuth: what probes of one target have in common."""
+        return ()
 
 
 @cache

@@ -33,6 +33,7 @@ from rotary_error_monitor.description.stage_section import (
     command_rows,
 )
 from rotary_error_monitor.description.table_files import with_tables
+from rotary_error_monitor.description.targets import before_targets, shared_targets
 from rotary_error_monitor.description.two_axis_section import (
     DISTORTIONS,
     RESPONSES,
@@ -187,6 +188,7 @@ def load_stage(path: Path | str | None = None) -> StageDescription:
 def stage_mapping(stage: StageDescription) -> dict[str, Any]:
     """Content of a `stage` section: what `load_stage` reads the same stage from."""
     ring, collimator, lvdt = stage.encoder, stage.autocollimator, stage.lvdt
+    targets = shared_targets(stage.sensors.values())
     section = StageSection(
         encoder=None if ring is None else extended(EncoderSection, ring, heads=_heads(stage)),
         mirror=stage.mirror,
@@ -195,7 +197,8 @@ def stage_mapping(stage: StageDescription) -> dict[str, Any]:
         else extended(AutocollimatorSection, collimator, **two_axis_rows(stage.response("autocollimator"))),
         spindle=stage.spindle,
         lvdt=None if lvdt is None else extended(LvdtSection, lvdt, **two_axis_rows(stage.response("lvdt"))),
-        sensors=sensors_section(stage.listed, {name: stage.response(name).latency for name in stage.listed}),
+        sensors=sensors_section(stage.listed, {name: stage.response(name).latency for name in stage.listed}, targets),
+        targets=targets,
         environment=Environment(stage.reference_temperature, stage.force or None),
         limits=stage.stated_limits,
         command=CommandSection(**command_rows(stage.response("command"))),
@@ -213,7 +216,7 @@ def _heads(stage: StageDescription) -> dict[str, Head]:
 
 
 def _description(section: StageSection) -> StageDescription:
-    listed = listed_sensors(section.sensors)
+    listed = before_targets(listed_sensors(section.sensors), section.targets)
     encoder, collimator, lvdt = section.encoder, section.autocollimator, section.lvdt
     place = section.environment
     return StageDescription(

@@ -33,13 +33,14 @@ from rotary_error_monitor.description.sensor_section import (
     OWN_KINDS,
     PLACE_TEMPERATURE,
     READ_HEAD,
-    SHAFT_FORCE,
     SensorSection,
     check_unit,
     listed_kinds,
 )
+from rotary_error_monitor.description.shaft_force import force_contradictions
 from rotary_error_monitor.description.spindle_section import Spindle
 from rotary_error_monitor.description.stage_limits import StageLimits
+from rotary_error_monitor.description.targets import Target, target_contradictions
 from rotary_error_monitor.description.two_axis_section import (
     DISTORTIONS,
     RESPONSES,
@@ -242,6 +243,9 @@ class StageSection(Section):
         Mapping[Short, SensorSection],
         Expected("further sensors by name: {kind, noise, resolution, range, uncertainty, …}", count=(0, 40)),
     ] = field(default_factory=dict)
+    targets: Annotated[
+        Mapping[Short, Target], Expected("targets by name, each seen by some of the sensors: {form}", count=(0, 40))
+    ] = field(default_factory=dict)
     environment: Environment | None = None
     limits: Annotated[
         Mapping[str, float], Expected("what the stage can do at most; what is left out is derived"), Stated(StageLimits)
@@ -339,6 +343,7 @@ def _contradictions(section: StageSection) -> Iterator[tuple[Place, str]]:
     radius = 0.0 if section.encoder is None else section.encoder.disc_radius
     yield from ((("encoder", *place), told) for place, told in heads_at_one_place(heads, radius))
     yield from ((("sensors", *place), told) for place, told in sensors_at_one_place(section.sensors))
+    yield from target_contradictions(section.sensors, section.targets)
     for name, sensor in section.sensors.items():
         read = listed_sensor(sensor)
         for limit, values in (("noise", (read.noise,)), ("resolution", (read.resolution,)), ("zero", read.zeros)):
@@ -347,24 +352,9 @@ def _contradictions(section: StageSection) -> Iterator[tuple[Place, str]]:
                 yield ("sensors", name, limit), f"{said} is beyond the range of {read.range} {read.unit}"
     if section.autocollimator is not None:
         yield from folded(section.autocollimator)
-    yield from _doubtful_force(section)
-    yield from _unknown(section)
-
-
-def _doubtful_force(section: StageSection) -> Iterator[tuple[Place, str]]:
-    """Where it is not clear which of the listed forces is that on the shaft."""
-    forces = [name for name, sensor in section.sensors.items() if sensor.measures == SHAFT_FORCE]
     named = () if section.environment is None else section.environment.force or ()
-    for number, name in enumerate(named):
-        if name not in forces:
-            listed = f"one of {', '.join(forces)}" if forces else "a sensor of kind force in 'sensors'"
-            yield ("environment", "force", number), f"no force of the name '{name}' is listed; expected {listed}"
-    if len(forces) > 1 and not named:
-        yield (
-            ("sensors", forces[1]),
-            f"a force beside '{forces[0]}'; name the one on the shaft, or several that show it together, as "
-            f"environment.force: [{forces[0]}]",
-        )
+    yield from force_contradictions(section.sensors, named)
+    yield from _unknown(section)
 
 
 def _unknown(section: StageSection) -> Iterator[tuple[Place, str]]:

@@ -15,9 +15,19 @@ from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.effect import Values, place_of
 from rotary_error_monitor.effects.rotor import LISTED, RotorState, StageEffect, fits
 
+TOGETHER = "+"
+"""Between the streams of sensors before one target, in the location of an effect of that target."""
+
+
+def streams_of(location: str) -> tuple[str, ...]:
+    """Streams of the listed sensors that an effect at a location moves."""
+    return tuple(place_of(location).split(TOGETHER))
+
 
 class ListedEffect(StageEffect):
     """Base of the effects of one listed sensor: it is located at the sensor's stream, and moves no other.
+
+    One of a target is located at all sensors before it.
 
     A concrete one states `listed_unit` and `listed_fields`; of its parameters those with that unit have a value for
     each field.
@@ -31,19 +41,19 @@ class ListedEffect(StageEffect):
         return tuple(stream for stream, sensor in machine.sensors.items() if fits(self, sensor))
 
     def touches(self, location: str, stream: str) -> bool:
-        """Whether the stream is that of the sensor."""
-        return stream == place_of(location)
+        """Whether the stream is that of the sensor, or of one before the target."""
+        return stream in streams_of(location)
 
     def changed(self, sensor: ListedSensor, values: Values) -> ListedSensor:
         """The sensor with the effect in its parameters."""
         return sensor
 
     def amend(self, stage: StageDescription, values: Values, location: str) -> StageDescription:
-        """The description with the changed sensor."""
-        stream = place_of(location)
-        sensor = stage.sensors[stream]
-        changed = self.changed(sensor, values)
-        return stage if changed is sensor else replace(stage, sensors={**stage.sensors, stream: changed})
+        """The description with the changed sensors."""
+        before = {stream: stage.sensors[stream] for stream in streams_of(location)}
+        after = {stream: self.changed(sensor, values) for stream, sensor in before.items()}
+        same = all(after[stream] is sensor for stream, sensor in before.items())
+        return stage if same else replace(stage, sensors={**stage.sensors, **after})
 
 
 class ListedZero(ListedEffect):
@@ -78,6 +88,14 @@ class ListedForm(ListedEffect):
 
     orders = 100
     falling = True
+
+    def locations(self, machine: StageDescription) -> tuple[str, ...]:
+        """Each listed sensor of its unit and number of fields, those before one target together."""
+        found: dict[tuple[str, str], list[str]] = {}
+        for stream in super().locations(machine):
+            target = machine.sensors[stream].target
+            found.setdefault(("target", target) if target else ("sensor", stream), []).append(stream)
+        return tuple(map(TOGETHER.join, found.values()))
 
     @abstractmethod
     def row(self, values: Values) -> AngularHarmonic | PlanarHarmonic:

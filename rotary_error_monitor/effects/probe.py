@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.effect import Parameter, wave_of_order
-from rotary_error_monitor.effects.listed import ListedDrift, ListedGain, ListedWave, ListedZero
+from rotary_error_monitor.effects.listed import ListedDrift, ListedGain, ListedWave, ListedZero, streams_of
 
 
 class ProbeZero(ListedZero):
@@ -44,16 +44,17 @@ class ProbeDrift(ListedDrift):
 
 
 class ProbeForm(ListedWave):
-    """The target of one probe shows one more order over a turn. Order 1 is a target off centre, or a face askew."""
+    """What probes look at shows one more order over a turn. Order 1: it is off centre, or a face askew."""
 
     name = "probe_form"
     title = "form error of a probe's target, of one order"
-    remedy = "State the target's form (or its centring) among the sensor's form, or use a rounder target."
+    remedy = "State the target's form (or its centring) with the sensor or target, or use a rounder target."
     source = "ISO 230-7, Annex (roundness and centring of the artefact); ISO 1101 (roundness, axial run-out)"
     parameters = wave_of_order("m", 1e-6, bound=1e-3)
     listed_unit = "m"
     listed_fields = 1
 
     def locations(self, machine: StageDescription) -> tuple[str, ...]:
-        """Each probe but those on the axis: they look at one and the same spot all the time."""
-        return tuple(each for each in super().locations(machine) if machine.sensors[each].place.get("radius") != 0.0)
+        """Each probe or target but those on the axis: they look at one and the same spot all the time."""
+        first = {each: machine.sensors[streams_of(each)[0]] for each in super().locations(machine)}
+        return tuple(each for each, sensor in first.items() if sensor.place.get("radius") != 0.0)

@@ -136,6 +136,7 @@ def _listed(stage: StageDescription) -> Iterator[_Field]:
         noise = field.kind.noise(stage, field.stream) / abs(field.sensor.gain)
         row = field.kind.rows(field.sensor)[field.place]
         surface = field.kind.surface(field.sensor) if field.sensor.may_have_form else ""
+        surface = f"{field.sensor.target}, {surface}" if field.sensor.target and surface else surface
         yield _Field(field.stream, row, _deviation(noise), surface, listed=field)
 
 

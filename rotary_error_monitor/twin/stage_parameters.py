@@ -57,8 +57,10 @@ def uncertain_parameters(stage: StageDescription) -> tuple[UncertainParameter, .
         found += (_of_listed if name.startswith("sensors.") else _of_section)(stage, name, uncertainty)
     found += _of_curves(stage)
     for stream, sensor in stage.sensors.items():
-        if sensor.uncertainty:
-            found += _zero_and_form(stage, stream, sensor)
+        if sensor.uncertainty and stage.zero_uncertainty(stream) is None:
+            found += _zero(f"sensors.{name_of(stream, sensor)}.zero", stream, sensor, sensor.uncertainty)
+    for label, streams in _before_targets(stage).items():
+        found += _form(label, streams, stage.sensors)
     return tuple(found)
 
 
@@ -150,26 +152,28 @@ def _of_listed(stage: StageDescription, name: str, uncertainty: float) -> list[U
     if stream is None or key not in ("gain", "zero", *stage.sensors[stream].place):
         raise _unknown(name)
     if key == "zero":
-        zeros = _zeros(stage.sensors[stream]).items()
-        return [
-            UncertainParameter(name + which, uncertainty, (stream,), _sensor_shifter(stream, z)) for which, z in zeros
-        ]
+        return _zero(name, stream, stage.sensors[stream], uncertainty)
 
     def moved(sensor: ListedSensor, by: float) -> ListedSensor:
         if key == "gain":
             return replace(sensor, gain=sensor.gain + by)
         return replace(sensor, place={**sensor.place, key: sensor.place[key] + by})
 
-    return [UncertainParameter(name, uncertainty, (stream,), _sensor_shifter(stream, moved))]
+    return [UncertainParameter(name, uncertainty, (stream,), _sensor_shifter((stream,), moved))]
 
 
-def _zeros(sensor: ListedSensor) -> dict[str, Callable[[ListedSensor, float], ListedSensor]]:
-    """Of each field the sensor with another zero; of two fields the axes are those of the stage, as in the file."""
+def _zero(label: str, stream: str, sensor: ListedSensor, uncertainty: float) -> list[UncertainParameter]:
+    """Zero of each field of a listed sensor; of two fields the axes are those of the stage, as in the file."""
 
     def zero(axis: int, sensor: ListedSensor, by: float) -> ListedSensor:
         return sensor.shifted([by * (axis == each) for each in range(len(sensor.fields))])
 
-    return {_axis(sensor, axis): partial(zero, axis) for axis in range(len(sensor.fields))}
+    return [
+        UncertainParameter(
+            label + _axis(sensor, axis), uncertainty, (stream,), _sensor_shifter((stream,), partial(zero, axis))
+        )
+        for axis in range(len(sensor.fields))
+    ]
 
 
 def _axis(sensor: ListedSensor, axis: int) -> str:
@@ -177,29 +181,39 @@ def _axis(sensor: ListedSensor, axis: int) -> str:
     return f"[{short_names(sensor.fields)[axis]}]" if len(sensor.fields) > 1 else ""
 
 
-def _zero_and_form(stage: StageDescription, stream: str, sensor: ListedSensor) -> list[UncertainParameter]:
-    """Zero of each field of a listed sensor, unless it is stated by itself, and what its target shows of itself.
+def _before_targets(stage: StageDescription) -> dict[str, tuple[str, ...]]:
+    """Streams of listed sensors whose form is uncertain, together before one target; by what has it in the file."""
+    found: dict[str, tuple[str, ...]] = {}
+    for stream, sensor in stage.sensors.items():
+        label = f"targets.{sensor.target}" if sensor.target else f"sensors.{name_of(stream, sensor)}"
+        if sensor.uncertainty:
+            found[label] = (*found.get(label, ()), stream)
+    return found
+
+
+def _form(label: str, streams: tuple[str, ...], sensors: Mapping[str, ListedSensor]) -> list[UncertainParameter]:
+    """What a target shows of itself to the sensors with these streams.
 
     That is in the orders that are stated and in the first: how well the target is centred or square, which no mounting
-    makes zero.
+    makes zero. Each of the sensors states the most that it may be.
     """
+    sensor = sensors[streams[0]]
+    if not sensor.may_have_form:
+        return []
 
     def form(axis: int, order: int, part: int, sensor: ListedSensor, by: float) -> ListedSensor:
         return replace(sensor, form=(*sensor.form, _form_row(len(sensor.fields), axis, order, part, by)))
 
-    label, axes = f"sensors.{name_of(stream, sensor)}", len(sensor.fields)
-    moved: dict[str, Callable[[ListedSensor, float], ListedSensor]] = {}
-    zeros = _zeros(sensor) if stage.zero_uncertainty(stream) is None else {}
-    for axis in range(axes):
-        which = _axis(sensor, axis)
-        if which in zeros:
-            moved[f"{label}.zero{which}"] = zeros[which]
-        for order in sorted({1, *(row.order for row in sensor.form)} - {0}) if sensor.may_have_form else ():
-            for part, name in enumerate(("cos", "sin")):
-                moved[f"{label}.form[order {order}]{which}[{name}]"] = partial(form, axis, order, part)
+    uncertainty = min(sensors[stream].uncertainty for stream in streams)
+    orders = sorted({1, *(row.order for row in sensor.form)} - {0})
     return [
-        UncertainParameter(name, sensor.uncertainty, (stream,), _sensor_shifter(stream, each))
-        for name, each in moved.items()
+        UncertainParameter(
+            f"{label}.form[order {order}]{_axis(sensor, axis)}[{('cos', 'sin')[part]}]",
+            uncertainty,
+            streams,
+            _sensor_shifter(streams, partial(form, axis, order, part)),
+        )
+        for axis, order, part in product(range(len(sensor.fields)), orders, (0, 1))
     ]
 
 
@@ -212,10 +226,10 @@ def _form_row(axes: int, axis: int, order: int, part: int, size: float) -> Angul
 
 
 def _sensor_shifter(
-    stream: str, moved: Callable[[ListedSensor, float], ListedSensor]
+    streams: tuple[str, ...], moved: Callable[[ListedSensor, float], ListedSensor]
 ) -> Callable[[StageDescription, float], StageDescription]:
     def shifted(stage: StageDescription, by: float) -> StageDescription:
-        return replace(stage, sensors={**stage.sensors, stream: moved(stage.sensors[stream], by)})
+        return replace(stage, sensors={**stage.sensors, **{s: moved(stage.sensors[s], by) for s in streams}})
 
     return shifted
 

@@ -102,6 +102,15 @@ def stages(draw: st.DrawFn) -> Any:
         if "radius" in sensor or "height" in sensor:
             name = "radius" if "radius" in sensor else "height"
             sensor[name] = 1.5 * number + draw(st.floats(0.0, 1.0))
+    probes = [row for row in section.get("sensors", {}).values() if "radius" in row or "height" in row]
+    for sensor in probes:
+        sensor.pop("target", None)
+    if "targets" in section:  # each is seen by a probe, which says nothing of its form
+        seen = dict(zip(section["targets"], probes, strict=False))
+        section["targets"] = {name: section["targets"][name] for name in seen}
+        for name, sensor in seen.items():
+            sensor["target"] = name
+            sensor.pop("form", None)
     collimator = section.get("autocollimator", {})
     for axis, (cubic, zero) in enumerate(
         zip(collimator.get("cubic", ()), collimator.get("zero", (0, 0)), strict=False)

@@ -56,6 +56,11 @@ def test_what_does_not_go_round_and_what_sees_another_thing_is_no_surface_of_the
     assert tilt == 1.0, "both see the same mirror, turned by the roll of one"
 
 
+def test_a_target_that_has_a_name_is_told_by_it() -> None:
+    named = {stream: replace(each, target="ball") for stream, each in THREE.items()}
+    assert seen(described(named))["ball, artefact at height 0 m"].streams == tuple(THREE)
+
+
 def test_the_command_says_it_of_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     row = "{{kind: radial_probe, azimuth: {}, height: 0.0, noise: 0, resolution: 0, range: 0.01, uncertainty: 1.0e-8}}"
     lines = [f"    p{k}: {row.format(2 * np.pi * k / 3)}" for k in range(3)]

@@ -23,7 +23,12 @@ class AxialProbeSection(ProbeSection):
     ]
 
     @property
+    def track(self) -> tuple[float, float]:
+        """The radius, and the face: one may look from above and one from below, by the way that they count."""
+        return (self.radius, math.copysign(1.0, self.gain or 1.0))
+
+    @property
     def body(self) -> tuple[float, float, float]:
-        """Before one side of the rotor, by the way that it counts: one may look from above and one from below."""
-        azimuth, side = self.azimuth or 0.0, math.copysign(1.0, self.gain or 1.0)
-        return (self.radius * math.cos(azimuth), self.radius * math.sin(azimuth), side)
+        """Before one of the two faces."""
+        azimuth, (radius, side) = self.azimuth or 0.0, self.track
+        return (radius * math.cos(azimuth), radius * math.sin(azimuth), side)

@@ -19,6 +19,11 @@ class RadialProbeSection(ProbeSection):
     height: Annotated[Height, Expected("height of the place that it sees above the ring in m")]
 
     @property
+    def track(self) -> tuple[float]:
+        """The height."""
+        return (self.height,)
+
+    @property
     def body(self) -> tuple[float, float, float]:
         """At the largest artefact, where the same azimuths are farthest apart."""
         return (LARGEST_ARTEFACT * math.cos(self.azimuth), LARGEST_ARTEFACT * math.sin(self.azimuth), self.height)
