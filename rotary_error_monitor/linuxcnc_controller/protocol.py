@@ -10,6 +10,9 @@ from typing import Any, get_args
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.linuxcnc_controller.shaping import CourseLimits
 
+LINK_SILENCE = 0.3
+"""After this long without a word, s, the link counts as hung; so it does for itself."""
+
 
 @dataclass(frozen=True)
 class LinkSettings:

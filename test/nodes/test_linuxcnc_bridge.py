@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 import re
 import shlex
 import shutil
@@ -16,6 +17,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from faults.documenting import Row, shows
+from faults.live.other_programs import stated
 from received_blocks import block_of
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
@@ -347,7 +349,7 @@ def test_a_machine_that_goes_off_while_corrections_move_is_told_as_off(cnc):
         "its diagnostics and joint states fail to come",
         "the program beside LinuxCNC holds the last correction and turns it with the table",
         "nothing",
-        "corrections are followed again once it goes on",
+        "within 1 s after it goes on; what waited for it is refused for its age",
     )
 )
 @pytest.mark.linuxcnc
@@ -363,8 +365,57 @@ def test_while_the_bridge_is_stopped_held_corrections_turn_with_the_table_and_th
         correct(lambda: time.monotonic() - begin > 1.0, "a full pipe", FAR)
         operate(cnc, "--mdi", "G0 X-10 Y5 A-20 C30")
         correct(lambda: witness.deviation(CORRECTION) < 1e-9, "the corrections to have turned with the table", FAR)
-        bridge.go_on()
-        correct(lambda: witness.deviation(FAR) < 1e-9, "corrections to be followed again", FAR)
+        with stated("corrections followed again", 1.0):
+            bridge.go_on()
+            correct(lambda: witness.deviation(FAR) < 1e-9, "corrections to be followed again", FAR)
+
+
+def link_of(bridge):
+    """Process id of the program beside LinuxCNC that a bridge has started."""
+    pids = [bridge.pid]
+    for pid in pids:
+        for task in Path(f"/proc/{pid}/task").iterdir():
+            pids += map(int, (task / "children").read_text().split())
+    words = {pid: Path(f"/proc/{pid}/cmdline").read_bytes() for pid in reversed(pids)}
+    return next(pid for pid, said in words.items() if b"linuxcnc_controller.link" in said)
+
+
+@shows(
+    Row(
+        "corrections",
+        "The program beside LinuxCNC is stopped (SIGSTOP) and goes on",
+        "`corrections` of the bridge within 0.5 s: held, the link to the controller is silent",
+        "LinuxCNC keeps the offsets; `clear_offsets` says that it cannot",
+        "no joint states",
+        "within 1 s after it goes on, with the next correction: what waited for it is not followed",
+    )
+)
+@pytest.mark.linuxcnc
+def test_what_waits_for_a_link_that_is_stopped_is_not_followed(cnc):
+    """Its pipe is full of the first corrections, far away, and has no room for the newest, which are right."""
+    operate(cnc, "--prepare")
+    with Witness(cnc) as witness, Cell() as cell:
+        correct = CorrectionMaker(cell)
+        bridge = cell.start("linuxcnc_bridge", **where(cnc))
+        correct(lambda: witness.deviation(CORRECTION) < 1e-9, "the corrections to be applied")
+        link = link_of(bridge)
+        os.kill(link, signal.SIGSTOP)
+        try:
+            for _ in range(100):
+                for _ in range(15):
+                    correct.send(FAR)
+                cell.spin_for(0.01)
+            correct(lambda: cell.has_status(CORRECTIONS, "held: the link to the controller is silent"), "the hold")
+            cleared = cell.call(Trigger, "/linuxcnc_bridge/clear_offsets")
+            assert not cleared.success
+            assert "silent" in cleared.message
+            begin = len(witness.seen)
+        finally:
+            with stated("corrections followed again", 1.0):
+                os.kill(link, signal.SIGCONT)
+                correct(lambda: cell.status(CORRECTIONS).message.startswith("applied"), "the bridge to say so")
+        correct(lambda: len(witness.seen) > begin + 50, "time to pass")
+        assert witness.deviation(CORRECTION, begin) < 1e-9
 
 
 @shows(
