@@ -18,6 +18,7 @@ from std_srvs.srv import Trigger
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.errors import InputError, without_numbers
+from rotary_error_monitor.linuxcnc_controller.clock import NANOSECONDS
 from rotary_error_monitor.linuxcnc_controller.connection import Connection
 from rotary_error_monitor.linuxcnc_controller.gate import GateLimits
 from rotary_error_monitor.linuxcnc_controller.intake import PRESENT
@@ -280,6 +281,8 @@ class LinuxcncBridge(ManagedNode):
             )
         )
         self._published.add()
+        if self.now_ns() - state.stamp_ns < LINK_SILENCE * NANOSECONDS:  # not one that waited while the node stood
+            self._listener.note_axes(state.positions)
         self._applied.publish(state.stamp_ns, self._names, state.effect)
         if self._command is not None and state.is_exact:
             self._command.note(state.stamp_ns, self._names, state.commands, state.speeds)

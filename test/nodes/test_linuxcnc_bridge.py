@@ -342,6 +342,26 @@ def test_a_machine_that_goes_off_while_corrections_move_is_told_as_off(cnc):
         assert not [words for words in said if "kinematics" in words or "another hand" in words]
 
 
+@pytest.mark.linuxcnc
+def test_constant_corrections_of_axes_that_move_are_held_and_said_until_they_change(cnc):
+    operate(cnc, "--prepare", "--mdi", "G21 G90 G0 X10 Y20 Z30 A30 C90")
+    with Witness(cnc) as witness, Cell() as cell:
+        cell.start("linuxcnc_bridge", **where(cnc))
+        correct = CorrectionMaker(cell)
+        correct(lambda: cell.status(CORRECTIONS).message == "applied", "corrections at rest to be applied")
+        begin = len(witness.seen)
+        correct(lambda: len(witness.seen) > begin + 100, "a rest that is longer than corrections may stand")
+        assert cell.figures(CORRECTIONS)["refused_stands"] == "0"
+        program = [*system_program("rotary_error_monitor.linuxcnc_controller.operation"), "--mdi", "G1 X40 F600"]
+        with subprocess.Popen([*cnc.enter, *program], env=cnc.environment) as moving:
+            correct(lambda: moving.poll() is not None, "the axis to move")
+            assert moving.returncode == 0
+        correct(lambda: cell.has_status(CORRECTIONS, "the same to the last bit while the axes move"), "the hold")
+        assert witness.deviation_since(CORRECTION, len(witness.seen), cell) < 1e-9
+        with swinging(correct):
+            cell.wait_until(lambda: cell.status(CORRECTIONS).message.startswith("applied"), "those that change")
+
+
 @shows(
     Row(
         "corrections",
