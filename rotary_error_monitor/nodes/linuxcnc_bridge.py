@@ -156,6 +156,13 @@ class LinuxcncBridge(ManagedNode):
                 )
             },
         )  # fmt: skip
+        try:
+            self._enter = shlex.split(self.setting("enter"))
+        except ValueError as error:
+            raise InputError(
+                f"{self.get_fully_qualified_name()}: parameter 'enter' is {self.setting('enter')!r} ({error}); "
+                "expected a command as a shell reads it"
+            ) from error
         self._connection: Connection | None = None
         self._names: tuple[str, ...] = ()
         self._state: State | None = None
@@ -220,7 +227,7 @@ class LinuxcncBridge(ManagedNode):
         self._connection = Connection(
             self._link,
             self._receive,
-            enter=shlex.split(self.setting("enter")),
+            enter=self._enter,
             environment=environment,
             python=self.setting("python"),
         )

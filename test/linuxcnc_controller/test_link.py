@@ -190,6 +190,25 @@ def test_offsets_are_cleared_on_request_and_the_next_correction_is_followed(benc
     assert max(bench.errors()) < NANOMETRE
 
 
+def test_counts_at_the_end_of_their_pins_begin_anew_when_the_offsets_are_cleared(bench):
+    """As the link says where they are there: counts that a predecessor took through leave no way on."""
+    end = 2**31 - 1000
+    for index, letter in enumerate("xyzac"):
+        bench.controller.pins[f"axis.{letter}.eoffset-counts"] = bench.controller.taken[index] = end
+    assert "end of their 32 bits: clear the external offsets" in bench.run(20).trouble
+    bench.link.handle(ClearRequest(), bench.now)
+    assert bench.look(100).trouble == WAITING
+    state = bench.run()
+    assert state.trouble == ""
+    assert max(bench.errors()) < NANOMETRE
+
+
+def test_counts_that_do_not_reach_the_largest_correction_are_refused():
+    with pytest.raises(InputError, match=r"count 1e-11; expected more than 2\.328\d*e-11, so that .* 0\.05 .* 32 bits"):
+        LinkSettings(count=1e-11, largest_rotary=0.05)
+    assert LinkSettings(count=1e-11, largest_rotary=0.02).count == 1e-11
+
+
 def test_a_halt_stops_on_the_way(bench):
     bench.run(30, {"X": 4e-4})
     bench.link.handle(HaltRequest(), bench.now)

@@ -22,6 +22,7 @@ from received_blocks import block_of
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
+from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.linuxcnc_controller import presence
 from rotary_error_monitor.linuxcnc_controller.connection import Connection
 from rotary_error_monitor.linuxcnc_controller.instance import Instance
@@ -340,6 +341,24 @@ def test_a_machine_that_goes_off_while_corrections_move_is_told_as_off(cnc):
                 cell.wait_until(lambda: cell.has_status(CORRECTIONS, "held: the machine is off"), "the hold")
         said = {each.message for array in heard for each in array.status}
         assert not [words for words in said if "kinematics" in words or "another hand" in words]
+
+
+@pytest.mark.linuxcnc
+def test_counts_at_the_end_of_their_pins_are_said_and_begin_anew_when_the_offsets_are_cleared(cnc):
+    """As another bridge with smaller counts may leave them."""
+    for letter in "xyzac":
+        assert cnc.run(["halcmd", "setp", f"axis.{letter}.eoffset-counts", str(2**31 - 1000)]).returncode == 0
+    operate(cnc, "--prepare")
+    with Witness(cnc) as witness, Cell() as cell:
+        cell.start("linuxcnc_bridge", **where(cnc))
+        correct = CorrectionMaker(cell)
+        correct(lambda: cell.has_status(CORRECTIONS, "end of their 32 bits: clear the external offsets"), "the end")
+        begin = len(witness.seen)
+        assert cell.call(Trigger, "/linuxcnc_bridge/clear_offsets").success
+        correct(lambda: witness.deviation(CORRECTION) < 1e-9, "the corrections to be applied")
+        way = witness.effects(begin)
+        # X Y Z arrive with the tilt's offset on its way; counts that were taken for a motion were 0.2 m
+        assert (np.abs(way).max(axis=0) < np.abs(list(CORRECTION.values())) + 1e-6).all()
 
 
 @pytest.mark.linuxcnc
@@ -736,6 +755,18 @@ def test_a_link_that_dies_is_told_with_what_it_said(tmp_path):
 def test_an_interpreter_that_is_not_there_is_refused():
     with Cell() as cell, pytest.raises(ValueError, match="cannot run /nowhere/python3: No such file"):
         cell.run(LinuxcncBridge, "linuxcnc_bridge", python="/nowhere/python3")
+
+
+@pytest.mark.parametrize(
+    ("parameters", "words"),
+    [
+        ({"enter": "nsenter --target '4711"}, r"parameter 'enter' is .* \(No closing quotation\)"),
+        ({"count": 1e-11, "largest_rotary": 0.05}, r"count 1e-11; expected more than 2\.328e-11"),
+    ],
+)
+def test_what_no_link_could_be_started_with_is_refused(parameters, words):
+    with Cell() as cell, pytest.raises(InputError, match=words):
+        cell.run(LinuxcncBridge, "linuxcnc_bridge", **parameters)
 
 
 def test_simulated_time_is_refused():
