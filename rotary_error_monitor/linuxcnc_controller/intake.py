@@ -16,7 +16,7 @@ from rotary_error_monitor.linuxcnc_controller.gate import (
     RefusalReason,
 )
 from rotary_error_monitor.linuxcnc_controller.sources import Sources
-from rotary_error_monitor.linuxcnc_controller.stands import CorrectionStands
+from rotary_error_monitor.linuxcnc_controller.stands import LASTS, CorrectionStands
 
 NOTHING_YET = "no correction has come yet"
 NOTHING_COMES = "no correction comes"
@@ -57,7 +57,8 @@ class CorrectionIntake:
         self.sources = Sources()
         self.refused: Counter[RefusalReason] = Counter()
         self._gate = CorrectionGate(limits)
-        self._stands = CorrectionStands([limits.axes.index(name) for name in limits.corrected], limits.max_age)
+        places = [limits.axes.index(name) for name in limits.corrected]
+        self._stands = CorrectionStands(places, min(limits.max_age, LASTS))
         self._max_age_ns = limits.max_age * NANOSECONDS
         self._accepted_ns: int | None = None
         self._refusal: RefusalError | None = None

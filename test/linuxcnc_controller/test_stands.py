@@ -21,9 +21,9 @@ LARGE = (1e-2,) * 5
 class Controller:
     """An intake of five axes, a correction each 10 ms, and where the program has the axes then."""
 
-    def __init__(self, corrected="XYZAC"):
+    def __init__(self, corrected="XYZAC", max_age=0.1):
         self.corrected = corrected
-        self.intake = CorrectionIntake(GateLimits(tuple("XYZAC"), LARGE, tuple(corrected)))
+        self.intake = CorrectionIntake(GateLimits(tuple("XYZAC"), LARGE, tuple(corrected), max_age))
         self.intake.sources.enlist(("/compensation",), 0)
         self.time_ns, self.number = 0, 100
 
@@ -121,6 +121,16 @@ def test_constant_corrections_of_a_rest_are_not_refused_when_it_ends():
     assert not any(controller.run([axes[0]] * 300, CONSTANT))
     assert not any(controller.run(axes[:10], CONSTANT[:10]))
     assert not any(controller.run(axes, 4e-6 + wave()))
+
+
+def test_after_a_pause_in_which_the_axes_moved_to_and_fro_the_same_is_followed():
+    """However old a correction may be: a compensation that begins again goes on from what is in effect."""
+    controller = Controller(max_age=10.0)
+    assert not any(controller.run(np.zeros((100, 5)), CONSTANT[:100]))
+    for position in (0.1, 0.0):
+        controller.time_ns += 1000 * MS
+        controller.intake.note_axes((position,) * 5, controller.time_ns)
+    assert not any(controller.run(np.zeros((200, 5)), CONSTANT[:200]))
 
 
 def test_the_motion_of_an_axis_that_is_not_corrected_says_nothing():
