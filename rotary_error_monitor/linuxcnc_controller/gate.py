@@ -27,6 +27,7 @@ class RefusalReason(Enum):
     NUMBERS = "numbers"
     SIZE = "size"
     STEP = "step"
+    STANDS = "stands"
     STAMP = "stamp"
     AGE = "age"
     AHEAD = "ahead"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rotary_error_monitor.linuxcnc_controller.clock import NANOSECONDS
@@ -15,6 +16,7 @@ from rotary_error_monitor.linuxcnc_controller.gate import (
     RefusalReason,
 )
 from rotary_error_monitor.linuxcnc_controller.sources import Sources
+from rotary_error_monitor.linuxcnc_controller.stands import LASTS, CorrectionStands
 
 NOTHING_YET = "no correction has come yet"
 NOTHING_COMES = "no correction comes"
@@ -55,11 +57,17 @@ class CorrectionIntake:
         self.sources = Sources()
         self.refused: Counter[RefusalReason] = Counter()
         self._gate = CorrectionGate(limits)
+        places = [limits.axes.index(name) for name in limits.corrected]
+        self._stands = CorrectionStands(places, min(limits.max_age, LASTS))
         self._max_age_ns = limits.max_age * NANOSECONDS
         self._accepted_ns: int | None = None
         self._refusal: RefusalError | None = None
         self._refused_ns = 0
         self._is_refusing = False
+
+    def note_axes(self, positions: Sequence[float], steady_ns: int) -> None:
+        """Take note of where the program has the controller's axes, m or rad: where they move, so do corrections."""
+        self._stands.note_axes(positions, steady_ns)
 
     def take(self, message: CorrectionMessage, number: int | None, now_ns: int, steady_ns: int) -> AcceptedCorrection:
         """What is believed of a message that carries `number` among its publisher's; none where nobody numbers.
@@ -74,6 +82,8 @@ class CorrectionIntake:
             if trouble:
                 raise RefusalError(RefusalReason.PUBLISHERS, trouble)
             correction = self._gate.judge(message, now_ns)
+            if stuck := self._stands.judge(correction.positions, steady_ns):
+                raise RefusalError(RefusalReason.STANDS, stuck)
         except RefusalError as error:
             self.refused[error.doubt] += 1
             self._refusal, self._refused_ns, self._is_refusing = error, steady_ns, True

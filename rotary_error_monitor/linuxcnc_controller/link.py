@@ -22,6 +22,7 @@ from rotary_error_monitor.linuxcnc_controller.offsets import (
 )
 from rotary_error_monitor.linuxcnc_controller.pins import MachinePins
 from rotary_error_monitor.linuxcnc_controller.protocol import (
+    LINK_SILENCE,
     ClearRequest,
     CorrectionRequest,
     HaltRequest,
@@ -58,10 +59,15 @@ class Link:
         self._pulse: tuple[int, int] | None = None
         self._looks_at_rest = 0
         self._clear_until_ns = 0
+        self._looked_ns: int | None = None
+        self._stood = False
         pins.enable(settings.count)
 
     def handle(self, record: Record, now: Moment) -> None:
         """Take up what the other side says.
+
+        Corrections that waited while this process stood still are not followed: there is no room for the newest behind
+        some seconds of them, and the next one comes at once.
 
         Raises:
             InputError: corrections are beyond the limits, which the other side should have seen.
@@ -70,7 +76,7 @@ class Link:
             self._control = OffsetControl(self._pins.names, self._limits)
             self._clear_until_ns = now.steady_ns + round(_CLEARING_TIME * NANOSECONDS)
             self._pins.clear()
-        elif isinstance(record, CorrectionRequest):
+        elif isinstance(record, CorrectionRequest) and not (self._stood or self._has_stood(now.steady_ns)):
             self._control.aim(record.positions)
         elif isinstance(record, HaltRequest):
             self._control.halt()
@@ -82,6 +88,10 @@ class Link:
             InputError: the servo thread stands still, or the pins are not free any more.
         """
         (reading, is_exact), now = self._read(clock), clock()
+        self._stood = self._has_stood(now.steady_ns)
+        if self._stood:
+            self._control.halt()  # what it was on its way to is as old
+        self._looked_ns = now.steady_ns
         self._check_pulse(reading, now.steady_ns)
         kinematics = self._pins.kinematics(reading)
         if kinematics is None:  # as where the machine is off, and lets its joints be anywhere
@@ -108,6 +118,10 @@ class Link:
             if beat.on_time and beat.pulse == reading.pulse:
                 return replace(reading, stamp_ns=beat.moment.stamp_ns), True
         return reading, False
+
+    def _has_stood(self, steady_ns: int) -> bool:
+        """Whether this process has not looked for so long that it counted as hung."""
+        return self._looked_ns is not None and steady_ns - self._looked_ns > LINK_SILENCE * NANOSECONDS
 
     def _check_pulse(self, reading: ControllerReading, steady_ns: int) -> None:
         if self._pulse is None or self._pulse[0] != reading.pulse:

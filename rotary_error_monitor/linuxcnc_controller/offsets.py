@@ -15,11 +15,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rotary_error_monitor.linuxcnc_controller.kinematics import Kinematics, Position, solve_offsets
+from rotary_error_monitor.linuxcnc_controller.protocol import COUNTS_END
 from rotary_error_monitor.linuxcnc_controller.shaping import CourseLimits, ShapedCourse
 
 WAITING = "no correction has come yet"
 SETTLING = "the controller's offsets settle"
-_COUNTS_END = 2**31
 _STANDSTILL = 1e-12
 """A commanded joint that moved by less, m or rad, stood still: rounding of the kinematics is far below."""
 
@@ -219,7 +219,7 @@ class OffsetControl:
             then + round((value - number) / count)
             for value, count, (then, number) in zip(wanted, self._limits.count, start, strict=True)
         )
-        if any(not -_COUNTS_END <= number < _COUNTS_END for number in counts):
+        if any(not -COUNTS_END <= number < COUNTS_END for number in counts):
             return OffsetAction(None, "the counts pins are at the end of their 32 bits: clear the external offsets")
         self._written = counts
         return OffsetAction(counts, "")

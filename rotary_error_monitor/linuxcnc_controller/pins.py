@@ -102,9 +102,16 @@ class MachinePins:
             self._set(f"{axis}.eoffset-counts", str(number))
 
     def clear(self) -> None:
-        """Ask the controller to zero its offsets; `enable` ends the request."""
+        """Ask the controller to zero its offsets; `enable` ends the request.
+
+        As long as the request stands, counts move nothing: they go back to the middle of their 32 bits.
+
+        Raises:
+            InputError: another part of the configuration drives one of the pins.
+        """
         for axis in self._axes:
             self._set(f"{axis}.eoffset-clear", "1")
+        self.write((0,) * len(self._axes))
 
     def read(self, clock: Clock) -> ControllerReading:
         """One consistent look: what two looks in a row agree on, as the servo thread writes in between now and then.

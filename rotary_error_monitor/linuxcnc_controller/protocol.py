@@ -10,6 +10,12 @@ from typing import Any, get_args
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.linuxcnc_controller.shaping import CourseLimits
 
+COUNTS_END = 2**31
+"""Numbers on the counts pins are below this, and from minus this on."""
+
+LINK_SILENCE = 0.3
+"""After this long without a word, s, the link counts as hung; so it does for itself."""
+
 
 @dataclass(frozen=True)
 class LinkSettings:
@@ -36,6 +42,14 @@ class LinkSettings:
     acceleration_linear: float = 0.05
     acceleration_rotary: float = 0.5
     pulse_timeout: float = 0.4
+
+    def __post_init__(self) -> None:
+        largest = max(self.largest_linear, self.largest_rotary)
+        if self.count * COUNTS_END <= largest:
+            raise InputError(
+                f"count {self.count:g}; expected more than {largest / COUNTS_END:.4g}, so that the largest correction, "
+                f"{largest:g} m or rad, has a number of 32 bits"
+            )
 
     def course_limits(self, are_rotary: Iterable[bool]) -> CourseLimits:
         """Limits of the corrections of axes, each rotary or linear."""

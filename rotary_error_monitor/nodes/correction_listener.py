@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from rclpy.serialization import deserialize_message
@@ -100,6 +100,11 @@ class CorrectionListener:
         limits = None if limits is None else replace(limits, frame=self._topic.frame)
         if limits != self._limits:
             self._limits, self._intake = limits, None if limits is None else CorrectionIntake(limits)
+
+    def note_axes(self, positions: Sequence[float]) -> None:
+        """Take note of where the program has the controller's axes, in their order, m or rad."""
+        if self._intake is not None:
+            self._intake.note_axes(positions, time.monotonic_ns())
 
     def condition(self) -> Condition:
         """What becomes of the corrections."""

@@ -18,12 +18,14 @@ from std_srvs.srv import Trigger
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.errors import InputError, without_numbers
+from rotary_error_monitor.linuxcnc_controller.clock import NANOSECONDS
 from rotary_error_monitor.linuxcnc_controller.connection import Connection
 from rotary_error_monitor.linuxcnc_controller.gate import GateLimits
 from rotary_error_monitor.linuxcnc_controller.intake import PRESENT
 from rotary_error_monitor.linuxcnc_controller.kinematics import ROTARY
 from rotary_error_monitor.linuxcnc_controller.modules import SYSTEM_PYTHON
 from rotary_error_monitor.linuxcnc_controller.protocol import (
+    LINK_SILENCE,
     Absent,
     ClearRequest,
     CorrectionRequest,
@@ -42,9 +44,6 @@ from rotary_error_monitor.nodes.diagnostics import Condition, Level, RateMeter
 from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.parameters import cell_settings
 from rotary_error_monitor.nodes.process import program
-
-SILENCE = 0.3
-"""After this long without a word, s, the link counts as hung."""
 
 _RETRY_PERIOD = 0.5
 """Time after which a link that has ended is started again, s: a start takes a tenth of a second of a core."""
@@ -157,6 +156,13 @@ class LinuxcncBridge(ManagedNode):
                 )
             },
         )  # fmt: skip
+        try:
+            self._enter = shlex.split(self.setting("enter"))
+        except ValueError as error:
+            raise InputError(
+                f"{self.get_fully_qualified_name()}: parameter 'enter' is {self.setting('enter')!r} ({error}); "
+                "expected a command as a shell reads it"
+            ) from error
         self._connection: Connection | None = None
         self._names: tuple[str, ...] = ()
         self._state: State | None = None
@@ -221,7 +227,7 @@ class LinuxcncBridge(ManagedNode):
         self._connection = Connection(
             self._link,
             self._receive,
-            enter=shlex.split(self.setting("enter")),
+            enter=self._enter,
             environment=environment,
             python=self.setting("python"),
         )
@@ -282,6 +288,8 @@ class LinuxcncBridge(ManagedNode):
             )
         )
         self._published.add()
+        if self.now_ns() - state.stamp_ns < LINK_SILENCE * NANOSECONDS:  # not one that waited while the node stood
+            self._listener.note_axes(state.positions)
         self._applied.publish(state.stamp_ns, self._names, state.effect)
         if self._command is not None and state.is_exact:
             self._command.note(state.stamp_ns, self._names, state.commands, state.speeds)
@@ -301,15 +309,16 @@ class LinuxcncBridge(ManagedNode):
         """Why the controller is out of reach; empty where it is not."""
         if self._state is None:
             return self._absence if self._loss in ("", self._absence) else f"{self._loss}; now: {self._absence}"
-        return f"the link has been silent for {self._silence():.2g} s" if self._silence() > SILENCE else ""
+        return f"the link has been silent for {self._silence():.2g} s" if self._silence() > LINK_SILENCE else ""
 
     def _send(self, record: Record) -> None:
         if self._connection is not None:
             self._connection.send(record)
 
     def _clear(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success = self._connection is not None and self._state is not None
-        response.message = "the external offsets go back to zero" if response.success else self._absence
+        away = self._away()  # what waits for a link that is silent would be done whenever that goes on
+        response.success = self._connection is not None and not away
+        response.message = "the external offsets go back to zero" if response.success else away
         if response.success:
             self._send(ClearRequest())
         self.get_logger().info(f"clear_offsets: {response.message}")

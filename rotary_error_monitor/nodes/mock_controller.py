@@ -37,7 +37,8 @@ _LONGEST_DELAY = NANOSECONDS
 class MockController(ManagedNode):
     """Publishes what a controller and the sensors around a stage would; with a machine also where its axes are.
 
-    Its corrections are believed and followed as `linuxcnc_bridge` does by default, without moving anything.
+    Its corrections are believed and followed as `linuxcnc_bridge` does by default, without moving anything; they may
+    stand while its axes move.
     """
 
     hardware = MOCK

@@ -190,6 +190,25 @@ def test_offsets_are_cleared_on_request_and_the_next_correction_is_followed(benc
     assert max(bench.errors()) < NANOMETRE
 
 
+def test_counts_at_the_end_of_their_pins_begin_anew_when_the_offsets_are_cleared(bench):
+    """As the link says where they are there: counts that a predecessor took through leave no way on."""
+    end = 2**31 - 1000
+    for index, letter in enumerate("xyzac"):
+        bench.controller.pins[f"axis.{letter}.eoffset-counts"] = bench.controller.taken[index] = end
+    assert "end of their 32 bits: clear the external offsets" in bench.run(20).trouble
+    bench.link.handle(ClearRequest(), bench.now)
+    assert bench.look(100).trouble == WAITING
+    state = bench.run()
+    assert state.trouble == ""
+    assert max(bench.errors()) < NANOMETRE
+
+
+def test_counts_that_do_not_reach_the_largest_correction_are_refused():
+    with pytest.raises(InputError, match=r"count 1e-11; expected more than 2\.328\d*e-11, so that .* 0\.05 .* 32 bits"):
+        LinkSettings(count=1e-11, largest_rotary=0.05)
+    assert LinkSettings(count=1e-11, largest_rotary=0.02).count == 1e-11
+
+
 def test_a_halt_stops_on_the_way(bench):
     bench.run(30, {"X": 4e-4})
     bench.link.handle(HaltRequest(), bench.now)
@@ -227,6 +246,52 @@ def test_a_pause_of_the_link_itself_is_not_taken_for_one_of_the_servo_thread(ben
     bench.look()
     bench.now_ns += 2_000_000_000
     assert bench.look(periods=0).valid
+
+
+@pytest.mark.parametrize("within", ["a look", "its wait"])
+@pytest.mark.parametrize("stood_ns", [400_000_000, 9_000_000_000])
+def test_what_waited_while_the_link_itself_stood_is_not_followed(bench, stood_ns, within):
+    """The pipe to it keeps what came first and has no room for the newest: seconds old, it would be walked to."""
+    bench.run()
+
+    def stand():
+        bench.controller.between_looks = lambda: None
+        bench.now_ns += stood_ns
+
+    if within == "a look":
+        bench.controller.between_looks = stand
+        bench.look()
+    else:
+        stand()
+    for share in (10.0, 20.0, 40.0):
+        bench.correct({name: share * value for name, value in CORRECTION.items()})
+    for _ in range(3):
+        bench.look()
+        assert max(bench.errors()) < NANOMETRE
+    moved = {name: 2.0 * value for name, value in CORRECTION.items()}
+    bench.run(corrections=moved)
+    assert max(bench.errors(moved)) < NANOMETRE, "the next one is followed"
+
+
+def test_a_link_that_stood_on_its_way_to_a_correction_stays_where_it_is_until_the_next(bench):
+    far = {"X": 4e-4}
+    bench.run(10, far)
+    bench.now_ns += 2_000_000_000
+    bench.correct(far)
+    states = [bench.look() for _ in range(50)]
+    assert 1e-5 < states[-1].effect[0] < 1e-4
+    assert states[-1].effect == pytest.approx(states[5].effect, abs=NANOMETRE)
+    bench.run(corrections=far)
+    assert max(bench.errors(far)) < NANOMETRE
+
+
+def test_a_link_that_is_late_for_each_look_follows_all_the_same(bench):
+    """On a computer that is far too busy: what came meanwhile is no older than it takes the link to be called hung."""
+    for _ in range(200):
+        bench.now_ns += 200_000_000
+        state = bench.run(1)
+    assert state.trouble == ""
+    assert max(bench.errors()) < NANOMETRE
 
 
 def test_kinematics_switched_while_it_runs_are_followed(bench):

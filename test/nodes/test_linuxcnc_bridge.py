@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 import re
 import shlex
 import shutil
@@ -16,10 +17,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from faults.documenting import Row, shows
+from faults.live.other_programs import stated
 from received_blocks import block_of
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
+from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.linuxcnc_controller import presence
 from rotary_error_monitor.linuxcnc_controller.connection import Connection
 from rotary_error_monitor.linuxcnc_controller.instance import Instance
@@ -340,6 +343,44 @@ def test_a_machine_that_goes_off_while_corrections_move_is_told_as_off(cnc):
         assert not [words for words in said if "kinematics" in words or "another hand" in words]
 
 
+@pytest.mark.linuxcnc
+def test_counts_at_the_end_of_their_pins_are_said_and_begin_anew_when_the_offsets_are_cleared(cnc):
+    """As another bridge with smaller counts may leave them."""
+    for letter in "xyzac":
+        assert cnc.run(["halcmd", "setp", f"axis.{letter}.eoffset-counts", str(2**31 - 1000)]).returncode == 0
+    operate(cnc, "--prepare")
+    with Witness(cnc) as witness, Cell() as cell:
+        cell.start("linuxcnc_bridge", **where(cnc))
+        correct = CorrectionMaker(cell)
+        correct(lambda: cell.has_status(CORRECTIONS, "end of their 32 bits: clear the external offsets"), "the end")
+        begin = len(witness.seen)
+        assert cell.call(Trigger, "/linuxcnc_bridge/clear_offsets").success
+        correct(lambda: witness.deviation(CORRECTION) < 1e-9, "the corrections to be applied")
+        way = witness.effects(begin)
+        # X Y Z arrive with the tilt's offset on its way; counts that were taken for a motion were 0.2 m
+        assert (np.abs(way).max(axis=0) < np.abs(list(CORRECTION.values())) + 1e-6).all()
+
+
+@pytest.mark.linuxcnc
+def test_constant_corrections_of_axes_that_move_are_held_and_said_until_they_change(cnc):
+    operate(cnc, "--prepare", "--mdi", "G21 G90 G0 X10 Y20 Z30 A30 C90")
+    with Witness(cnc) as witness, Cell() as cell:
+        cell.start("linuxcnc_bridge", **where(cnc))
+        correct = CorrectionMaker(cell)
+        correct(lambda: cell.status(CORRECTIONS).message == "applied", "corrections at rest to be applied")
+        begin = len(witness.seen)
+        correct(lambda: len(witness.seen) > begin + 100, "a rest that is longer than corrections may stand")
+        assert cell.figures(CORRECTIONS)["refused_stands"] == "0"
+        program = [*system_program("rotary_error_monitor.linuxcnc_controller.operation"), "--mdi", "G1 X40 F600"]
+        with subprocess.Popen([*cnc.enter, *program], env=cnc.environment) as moving:
+            correct(lambda: moving.poll() is not None, "the axis to move")
+            assert moving.returncode == 0
+        correct(lambda: cell.has_status(CORRECTIONS, "the same to the last bit while the axes move"), "the hold")
+        assert witness.deviation_since(CORRECTION, len(witness.seen), cell) < 1e-9
+        with swinging(correct):
+            cell.wait_until(lambda: cell.status(CORRECTIONS).message.startswith("applied"), "those that change")
+
+
 @shows(
     Row(
         "corrections",
@@ -347,7 +388,7 @@ def test_a_machine_that_goes_off_while_corrections_move_is_told_as_off(cnc):
         "its diagnostics and joint states fail to come",
         "the program beside LinuxCNC holds the last correction and turns it with the table",
         "nothing",
-        "corrections are followed again once it goes on",
+        "within 1 s after it goes on; what waited for it is refused for its age",
     )
 )
 @pytest.mark.linuxcnc
@@ -363,8 +404,57 @@ def test_while_the_bridge_is_stopped_held_corrections_turn_with_the_table_and_th
         correct(lambda: time.monotonic() - begin > 1.0, "a full pipe", FAR)
         operate(cnc, "--mdi", "G0 X-10 Y5 A-20 C30")
         correct(lambda: witness.deviation(CORRECTION) < 1e-9, "the corrections to have turned with the table", FAR)
-        bridge.go_on()
-        correct(lambda: witness.deviation(FAR) < 1e-9, "corrections to be followed again", FAR)
+        with stated("corrections followed again", 1.0):
+            bridge.go_on()
+            correct(lambda: witness.deviation(FAR) < 1e-9, "corrections to be followed again", FAR)
+
+
+def link_of(bridge):
+    """Process id of the program beside LinuxCNC that a bridge has started."""
+    pids = [bridge.pid]
+    for pid in pids:
+        for task in Path(f"/proc/{pid}/task").iterdir():
+            pids += map(int, (task / "children").read_text().split())
+    words = {pid: Path(f"/proc/{pid}/cmdline").read_bytes() for pid in reversed(pids)}
+    return next(pid for pid, said in words.items() if b"linuxcnc_controller.link" in said)
+
+
+@shows(
+    Row(
+        "corrections",
+        "The program beside LinuxCNC is stopped (SIGSTOP) and goes on",
+        "`corrections` of the bridge within 0.5 s: held, the link to the controller is silent",
+        "LinuxCNC keeps the offsets; `clear_offsets` says that it cannot",
+        "no joint states",
+        "within 1 s after it goes on, with the next correction: what waited for it is not followed",
+    )
+)
+@pytest.mark.linuxcnc
+def test_what_waits_for_a_link_that_is_stopped_is_not_followed(cnc):
+    """Its pipe is full of the first corrections, far away, and has no room for the newest, which are right."""
+    operate(cnc, "--prepare")
+    with Witness(cnc) as witness, Cell() as cell:
+        correct = CorrectionMaker(cell)
+        bridge = cell.start("linuxcnc_bridge", **where(cnc))
+        correct(lambda: witness.deviation(CORRECTION) < 1e-9, "the corrections to be applied")
+        link = link_of(bridge)
+        os.kill(link, signal.SIGSTOP)
+        try:
+            for _ in range(100):
+                for _ in range(15):
+                    correct.send(FAR)
+                cell.spin_for(0.01)
+            correct(lambda: cell.has_status(CORRECTIONS, "held: the link to the controller is silent"), "the hold")
+            cleared = cell.call(Trigger, "/linuxcnc_bridge/clear_offsets")
+            assert not cleared.success
+            assert "silent" in cleared.message
+            begin = len(witness.seen)
+        finally:
+            with stated("corrections followed again", 1.0):
+                os.kill(link, signal.SIGCONT)
+                correct(lambda: cell.status(CORRECTIONS).message.startswith("applied"), "the bridge to say so")
+        correct(lambda: len(witness.seen) > begin + 50, "time to pass")
+        assert witness.deviation(CORRECTION, begin) < 1e-9
 
 
 @shows(
@@ -665,6 +755,18 @@ def test_a_link_that_dies_is_told_with_what_it_said(tmp_path):
 def test_an_interpreter_that_is_not_there_is_refused():
     with Cell() as cell, pytest.raises(ValueError, match="cannot run /nowhere/python3: No such file"):
         cell.run(LinuxcncBridge, "linuxcnc_bridge", python="/nowhere/python3")
+
+
+@pytest.mark.parametrize(
+    ("parameters", "words"),
+    [
+        ({"enter": "nsenter --target '4711"}, r"parameter 'enter' is .* \(No closing quotation\)"),
+        ({"count": 1e-11, "largest_rotary": 0.05}, r"count 1e-11; expected more than 2\.328e-11"),
+    ],
+)
+def test_what_no_link_could_be_started_with_is_refused(parameters, words):
+    with Cell() as cell, pytest.raises(InputError, match=words):
+        cell.run(LinuxcncBridge, "linuxcnc_bridge", **parameters)
 
 
 def test_simulated_time_is_refused():
