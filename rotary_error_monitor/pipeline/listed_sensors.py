@@ -24,7 +24,7 @@ from rotary_error_monitor.pipeline.joint_limits import JointLimits
 from rotary_error_monitor.pipeline.listed_belief import SensorBelief
 from rotary_error_monitor.pipeline.listed_readings import ListedReadings, ListedTicks
 from rotary_error_monitor.pipeline.listed_windows import sensor_windows
-from rotary_error_monitor.pipeline.mixed_rotation import MixedRows, is_mixed
+from rotary_error_monitor.pipeline.mixed_rotation import MixedRows
 from rotary_error_monitor.pipeline.tilt_by_others import TILT, TiltByOthers
 from rotary_error_monitor.pipeline.verdict import DOUBTS
 from rotary_error_monitor.signals.resampling import Resampled
@@ -81,7 +81,7 @@ class ListedSensors:
         self._pending: tuple[int, ListedTicks] | None = None
         self._conflicts: deque[float] = deque(maxlen=SHORT)
         self._limits, self._impossible = JointLimits(stage.limits), np.zeros(len(fields), np.bool_)
-        self._alone = stage.encoder is None or is_mixed(stage)
+        self._alone = stage.encoder is None
         self._tilt, self._tilt_bit = TiltByOthers(), bits[AUTOCOLLIMATOR] if stage.autocollimator else 0
         self._tilt_doubted = False
         self._unless: dict[str, str] = {}  # what may be wrong in the place of a sensor, by its stream
@@ -161,8 +161,10 @@ class ListedSensors:
         choices = (used[:, self._first] * bits).sum(axis=1)
         variance = shown.noise * scale[:, None] ** 2 + shown.systematic + shown.common
         begin = None if heads is None else heads.at(slice(done))
-        if self._alone:
-            conflict = np.maximum(conflict, self._conflict_of(motion, _Used(choices, shown.reading, variance, begin)))
+        alone = np.full(done, self._alone) if begin is None else self._alone | (begin.kinds > 0)
+        if alone.any():
+            found = self._conflict_of(motion, _Used(choices, shown.reading, variance, begin))
+            conflict = np.where(alone, np.maximum(conflict, found), conflict)
         streams = motion.streams & ~int(bits.sum()) | choices
         used_too = replace(motion, streams=streams, sensor_scale=scale, sensor_conflict=conflict)
         raised = variance * conflict[:, None] ** 2
