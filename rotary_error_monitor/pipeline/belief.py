@@ -12,7 +12,6 @@ from rotary_error_monitor.pipeline.commanded_rotation import CommandedRotation
 from rotary_error_monitor.pipeline.evidence import (
     AGREEMENT,
     LONG,
-    SHORT,
     Evidence,
     EvidenceWindow,
     WindowGrid,
@@ -197,7 +196,7 @@ class Belief:
         chosen, self._quiet = self.left_out, self.streams.quiet and not any(windows.broken)
         self.ring.foresee(windows)
         self.command.foresee(windows)
-        for some in _up_to_measurements(windows):
+        for some in windows.up_to_measurements():
             if len(some) >= FEWEST and self._are_calm(some):
                 yield self.verdict
                 yield from self._take_in(some)
@@ -397,12 +396,3 @@ class Belief:
         if self._tilt < self._wobble * math.sin(turned / 2.0):  # half of what the mirror would show
             return 0.0
         return self._limits.radial * min(turned, 2.0) / OWN
-
-
-def _up_to_measurements(windows: Windows) -> Iterator[Windows]:
-    """Windows in parts, each up to one in which judges measure, whose number is a multiple of `SHORT`."""
-    begin = 0
-    while begin < len(windows):
-        end = min(begin + 1 + -(windows.first + begin) % SHORT, len(windows))
-        yield windows.part(begin, end)
-        begin = end

@@ -19,7 +19,7 @@ from rotary_error_monitor.pipeline.distance_noise import (
 from rotary_error_monitor.pipeline.distance_places import WindowDistance
 from rotary_error_monitor.pipeline.distance_reach import STEADY, DistanceReach
 from rotary_error_monitor.pipeline.distance_steps import Compared, DistanceStep, DistanceSteps
-from rotary_error_monitor.pipeline.distance_words import tells_distance, why_far, why_late, why_moved, why_stepped
+from rotary_error_monitor.pipeline.distance_words import tells_distance, why_far, why_late, why_moved
 from rotary_error_monitor.pipeline.evidence import AGREEMENT, LONG, SHORT, SIGMAS, EvidenceWindow, Reach, Windows
 from rotary_error_monitor.pipeline.far_distance import FarDistance
 from rotary_error_monitor.pipeline.mixed_rotation import limits_of_distance
@@ -140,7 +140,7 @@ class CommandBelief:
         found = self._steps.seen(what, before) if whole else None
         if not (wrong or self.doubt or self._zero.open):
             found = self._sure(what, found)
-        before, step = (before, "") if found is None else (found.before, self._step_of(found, window))
+        before, step, self._size = (before, "", self._size) if found is None else found.told(window.duration)
         if step and self.doubt:
             moved, unknown = self._steps.moved(what, before)
             self._far.step(moved, before.distance, unknown)
@@ -341,10 +341,6 @@ class CommandBelief:
     def _is_plain(self, missed: float, scatter: float, speed: float) -> bool:
         """Whether a window's distance is one from begin to end: not interpolated wrong, and without a step."""
         return not self._is_bent(missed, speed) and scatter <= self._farther.rippled
-
-    def _step_of(self, step: DistanceStep, window: EvidenceWindow) -> str:
-        self._size = step.size
-        return why_stepped(step.size, step.passed * window.duration)
 
     def _moved_in_silence(self, window: EvidenceWindow, last: EvidenceWindow, speed: float, scatter: float) -> str:
         """The same over a silence of the heads: what is less than a step counts as uncertainty."""

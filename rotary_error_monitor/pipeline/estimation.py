@@ -337,13 +337,13 @@ class Estimator:
             late,
         )
         mixed = None if self._mixed is None else self._mixed.at(motion.streams)
+        known_by = evidence.values[:done]
+        seen = (known_by[:, EVIDENCE["heads"]] > 0.0) | (known_by[:, EVIDENCE["commanded"]] > 0.0)
         rows = None
         if self._mixed is not None and mixed is not None and mixed.any():
             rows = self._mixed.take_out(motion, mixed, sampled, rates)
             # beside a command that is not there, or doubted, nothing tells whether a head is wrong
-            publish &= ~mixed | (motion.streams & self._bits[COMMAND] != 0)
-        known_by = evidence.values[:done]
-        seen = (known_by[:, EVIDENCE["heads"]] > 0.0) | (known_by[:, EVIDENCE["commanded"]] > 0.0)
+            seen &= ~mixed | (motion.streams & self._bits[COMMAND] != 0)
         if self._listed is not None:
             known = {name: each.at(np.arange(done)) for name, each in sampled.items()}
             said = {at: (each.sensor_scale, each.sensor_conflict) for at, each in decided.items() if at < done}

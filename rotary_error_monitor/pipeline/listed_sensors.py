@@ -24,7 +24,7 @@ from rotary_error_monitor.pipeline.joint_limits import JointLimits
 from rotary_error_monitor.pipeline.listed_belief import SensorBelief
 from rotary_error_monitor.pipeline.listed_readings import ListedReadings, ListedTicks
 from rotary_error_monitor.pipeline.listed_windows import sensor_windows
-from rotary_error_monitor.pipeline.mixed_rotation import MixedRows
+from rotary_error_monitor.pipeline.mixed_rotation import MixedRows, with_positioning
 from rotary_error_monitor.pipeline.tilt_by_others import TILT, TiltByOthers
 from rotary_error_monitor.pipeline.verdict import DOUBTS
 from rotary_error_monitor.signals.resampling import Resampled
@@ -230,7 +230,7 @@ class ListedSensors:
         for chosen, known, seen in self._seen(motion, used):
             extended = extend(known, seen)
             if not extended.observable[0, ECC] and motion.observable[chosen[0], ECC]:
-                extended = _with_positioning(extended, motion.at(chosen))
+                extended = with_positioning(extended, motion.at(chosen))
             upper = np.triu(extended.covariance)  # the two halves differ by rounding, and one half is published
             symmetric = upper + np.triu(upper, 1).swapaxes(1, 2)
             for whole, part in zip(found, (extended.components, extended.observable, symmetric), strict=True):
@@ -393,10 +393,3 @@ class ListedSensors:
             judge, stream = self._judges[place], self._streams[place]
             if not judge.doubt or judge.since >= number - LONG or self._unless.pop(stream, ""):
                 judge.retract()
-
-
-def _with_positioning(motion: ErrorMotion, before: ErrorMotion) -> ErrorMotion:
-    """An error motion, at times that see the same, with the positioning as it was before: nothing was added to it."""
-    motion.components[:, ECC], motion.observable[:, ECC] = before.components[:, ECC], True
-    motion.covariance[:, ECC, ECC] = before.covariance[:, ECC, ECC]
-    return motion

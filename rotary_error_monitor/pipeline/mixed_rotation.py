@@ -118,6 +118,13 @@ def described_lead(stage: StageDescription, azimuths: tuple[float, ...], reading
     return lead
 
 
+def with_positioning(motion: ErrorMotion, before: ErrorMotion) -> ErrorMotion:
+    """An error motion, at times that see the same, with the positioning as it was before: nothing was added to it."""
+    motion.components[:, _ECC], motion.observable[:, _ECC] = before.components[:, _ECC], True
+    motion.covariance[:, _ECC, _ECC] = before.covariance[:, _ECC, _ECC]
+    return motion
+
+
 class MixedRotation:
     """Takes out of an error motion what such heads do not tell apart."""
 
