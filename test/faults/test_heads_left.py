@@ -79,6 +79,7 @@ def test_without_probes_rotation_and_tilt_go_on() -> None:
         assert found.available["exc"] < part + 0.05, seed
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["head_jumps_100", "head_jumps_line", "head_reversed", "command_stuck", "head_stuck"])
 def test_a_further_fault_makes_nothing_wrong(name: str) -> None:
     """Of the head that is left as well: without another beside it, nothing but the command contradicts it."""
