@@ -26,6 +26,7 @@ from rotary_error_monitor.nodes.process import program
 from rotary_error_monitor.pipeline.estimation import Estimator
 from rotary_error_monitor.pipeline.estimator_settings import LONGEST_GAP_NS, SHORTEST_GAP_NS, EstimatorSettings
 from rotary_error_monitor.pipeline.kernel import describe_kernel
+from rotary_error_monitor.pipeline.mixed_rotation import is_mixed
 from rotary_error_monitor.pipeline.observability import possible_components, unchecked_sensors
 from rotary_error_monitor.pipeline.radial_heights import HIGHEST, figures_of, radial_block
 from rotary_error_monitor.signals.blocks import NANOSECONDS
@@ -40,8 +41,8 @@ _TOLD_SCALE = 2.0
 class ErrorEstimator(ManagedNode):
     """Passes blocks to the pipeline's estimator as they come and publishes what it gives.
 
-    It goes on without a stream that falls silent or is doubted, as long as two opposed heads are left (of a stage
-    without heads the command), and says so, at once in the log and each second in the diagnostics. Samples that are
+    It goes on without a stream that falls silent or is doubted, as long as a head is left (of a stage without heads
+    the command), and says so, at once in the log and each second in the diagnostics. Samples that are
     older than `max_age` at their arrival are dropped: after a restart, the middleware delivers some of the past. The
     service `~/reset` makes it believe all streams again, until they are contradicted anew.
     """
@@ -262,11 +263,15 @@ class ErrorEstimator(ManagedNode):
             return self._too_far_apart(sparse)
         if not self.stage.azimuths:
             return "no command, which alone tells the rotation"
-        used = [f"head_{letter}" for letter in self.stage.azimuths]
-        used = [name for name in used if name not in (*status.absent, *dict(self._estimator.reasons))]
-        if len(used) < 2:
-            return "too few heads" if len(self.stage.azimuths) > 1 else "the head is not there"
-        return f"{' and '.join(used)} alone do not tell rotation from displacement; two opposed heads do, or three"
+        used = self._heads_used()
+        if not used:
+            return "no head is there" if len(self.stage.azimuths) > 1 else "the head is not there"
+        return f"{_alone(used)}; without a command that is believed nothing tells a fault of theirs"
+
+    def _heads_used(self) -> list[str]:
+        """Streams of the heads that are there and believed."""
+        away = (*self._estimator.status.absent, *dict(self._estimator.reasons))
+        return [name for name in (f"head_{letter}" for letter in self.stage.azimuths) if name not in away]
 
     def _sparse(self, rotation: bool) -> list[str]:
         """Streams whose samples are too far apart; with those that tell the rotation, or without."""
@@ -288,6 +293,8 @@ class ErrorEstimator(ManagedNode):
         hidden = [name for bit, name in enumerate(COMPONENTS) if name in possible and not self._observable[bit]]
         yield Level.WARN, f"not observable: {', '.join(hidden)}" if hidden and not silent else ""
         yield Level.WARN, "" if possible else "the sensors of the stage determine no component of error motion"
+        if used := [] if silent or is_mixed(self.stage) or belief.heads.tells_rotation else self._heads_used():
+            yield Level.WARN, f"{_alone(used)}: it is as sure as the ring is in place"
         if belief.heads.lost:
             yield Level.WARN, "redundancy is lost: a further fault of a head would show only as a step"
         if belief.heads.unsettled:
@@ -349,6 +356,12 @@ class ErrorEstimator(ManagedNode):
             "unresolved_tilt_urad": belief.verdict.unresolved_tilt * 1e6,
             "unseen_graduation_orders": " ".join(map(str, status.unseen_orders)),
         }
+
+
+def _alone(heads: Sequence[str]) -> str:
+    """That heads see displacement as rotation, in words."""
+    do = "does" if len(heads) == 1 else "do"
+    return f"{' and '.join(heads)} alone {do} not tell rotation from displacement; two opposed heads do, or three"
 
 
 main = program(ErrorEstimator, "error_estimator")

@@ -12,7 +12,6 @@ from rotary_error_monitor.pipeline.commanded_rotation import CommandedRotation
 from rotary_error_monitor.pipeline.evidence import (
     AGREEMENT,
     LONG,
-    SHORT,
     Evidence,
     EvidenceWindow,
     WindowGrid,
@@ -21,7 +20,7 @@ from rotary_error_monitor.pipeline.evidence import (
 )
 from rotary_error_monitor.pipeline.first_turn import OWN
 from rotary_error_monitor.pipeline.head_belief import HeadBelief
-from rotary_error_monitor.pipeline.mixed_rotation import is_mixed
+from rotary_error_monitor.pipeline.mixed_rotation import is_mixed, mixed_in
 from rotary_error_monitor.pipeline.ring_belief import ABSENT, RingBelief
 from rotary_error_monitor.pipeline.stream_belief import StreamBelief
 from rotary_error_monitor.pipeline.tilt_belief import TiltBelief
@@ -79,6 +78,7 @@ class Belief:
         encoder, self._commanded = stage.encoder or ABSENT, None if stage.encoder else CommandedRotation(stage)
         self._radius, self._limits = encoder.disc_radius, stage.limits
         self._mixed = TurnedPart() if is_mixed(stage) else None  # seen while rotation and command belonged together
+        self._mixed_in = mixed_in(stage) if heads else 0.0
         self._has_tilt = stage.autocollimator is not None
         self.heads = HeadBelief(heads, encoder, stage.limits, disagreement_limit, stage.timing("encoder"))
         self.tilt = TiltBelief(stage)
@@ -196,7 +196,7 @@ class Belief:
         chosen, self._quiet = self.left_out, self.streams.quiet and not any(windows.broken)
         self.ring.foresee(windows)
         self.command.foresee(windows)
-        for some in _up_to_measurements(windows):
+        for some in windows.up_to_measurements():
             if len(some) >= FEWEST and self._are_calm(some):
                 yield self.verdict
                 yield from self._take_in(some)
@@ -291,14 +291,21 @@ class Belief:
         elif self._commanded:
             self._judge_by_command(window)
         elif not (self.heads.contradiction or self.heads.contradicting):
-            self.ring.judge(window)
-            self.tilt.judge(window)
-            self.command.judge(window, self.ring.vague / self._radius)
-            if self._mixed is not None and self.command.agrees(window):
-                self._mixed.add(window.mean.theta)
-            self._settle_zero(window)
+            self._judge_by_heads(window)
         self._note_doubts(window.number)
         self.verdict = self._conclude()
+
+    def _judge_by_heads(self, window: EvidenceWindow) -> None:
+        if self._mixed is None and not self.heads.tells_rotation:  # those that are left of more
+            self.tilt.judge(window)
+            self.command.judge_vaguely(window, self._mixed_in)
+            return
+        self.ring.judge(window)
+        self.tilt.judge(window)
+        self.command.judge(window, self.ring.vague / self._radius)
+        if self._mixed is not None and self.command.agrees(window):
+            self._mixed.add(window.mean.theta)
+        self._settle_zero(window)
 
     def _note_doubts(self, number: int) -> None:
         """Keep since which window what is judged at the rotation is doubted."""
@@ -389,12 +396,3 @@ class Belief:
         if self._tilt < self._wobble * math.sin(turned / 2.0):  # half of what the mirror would show
             return 0.0
         return self._limits.radial * min(turned, 2.0) / OWN
-
-
-def _up_to_measurements(windows: Windows) -> Iterator[Windows]:
-    """Windows in parts, each up to one in which judges measure, whose number is a multiple of `SHORT`."""
-    begin = 0
-    while begin < len(windows):
-        end = min(begin + 1 + -(windows.first + begin) % SHORT, len(windows))
-        yield windows.part(begin, end)
-        begin = end

@@ -19,6 +19,7 @@ from rotary_error_monitor.pipeline.distance_noise import (
 from rotary_error_monitor.pipeline.distance_places import WindowDistance
 from rotary_error_monitor.pipeline.distance_reach import STEADY, DistanceReach
 from rotary_error_monitor.pipeline.distance_steps import Compared, DistanceStep, DistanceSteps
+from rotary_error_monitor.pipeline.distance_words import tells_distance, why_far, why_late, why_moved
 from rotary_error_monitor.pipeline.evidence import AGREEMENT, LONG, SHORT, SIGMAS, EvidenceWindow, Reach, Windows
 from rotary_error_monitor.pipeline.far_distance import FarDistance
 from rotary_error_monitor.pipeline.mixed_rotation import limits_of_distance
@@ -71,6 +72,7 @@ class CommandBelief:
         self._steps = DistanceSteps(self._limits.following_error, self._noise)
         self._last: EvidenceWindow | None = None
         self._compared: int | None = None
+        self._was_vague = False  # whether the last window was
         self._since = 0  # number of the window since which it is doubted
         self._standing = StandingCommand(self._limits.following_error, self._noise)
         self._speed = 0.0
@@ -126,18 +128,19 @@ class CommandBelief:
         """Take in a window in which the heads tell the rotation, but for what is `vague` of it, rad."""
         last, self._last = self._last, window
         self.reach = self._anywhere
-        if not _tells(window) or last is None or window.number != last.number + 1:
+        if not tells_distance(window) or last is None or window.number != last.number + 1:
             self._interrupt(window, last)
             return
         self._compared = window.number
         speed, scatter = self._told.of(window, last), scatter_in(window, self._scattering.earlier)
-        before, whole = self._steps.before(window, last, self._speed), _tells(last)
+        before, whole = self._steps.before(window, last, self._speed), tells_distance(last) and not self._was_vague
+        self._was_vague = False
         wrong = self._beyond(window, speed, vague) or (self._standing.judge(window, last) if whole else "")
         what = Compared(window, last, speed, scatter, self.delay, self._farther.late(self.delay), self._hidden)
         found = self._steps.seen(what, before) if whole else None
         if not (wrong or self.doubt or self._zero.open):
             found = self._sure(what, found)
-        before, step = (before, "") if found is None else (found.before, self._step_of(found, window))
+        before, step, self._size = (before, "", self._size) if found is None else found.told(window.duration)
         if step and self.doubt:
             moved, unknown = self._steps.moved(what, before)
             self._far.step(moved, before.distance, unknown)
@@ -172,6 +175,24 @@ class CommandBelief:
         elif last.tells_rotation and not (self._zero.open or self._steps.size):
             self._usual.add(window.mean.ecc, speed, self.delay)
         self._keep(window, last, speed, scatter)
+
+    def judge_vaguely(self, window: EvidenceWindow, vague: float) -> None:
+        """Take in a window in which a displacement of the ring may be as much as is `vague` of the rotation, rad.
+
+        It tells whether the command is beyond that, and is otherwise as one of a silence.
+        """
+        last, self._last = self._last, window
+        self.reach, self._was_vague, agreeing = self._anywhere, True, self._agreeing
+        self._interrupt(window, last)
+        if not tells_distance(window):
+            return
+        speed = self._told.of(window, last)
+        if wrong := self._beyond(window, speed, vague):
+            self.doubt, self._since, self._before = self.doubt or wrong, window.number, None
+        elif self.doubt and self._far.is_told and self._is_back(window.mean.ecc, speed):
+            self._agreeing = agreeing + window.duration
+            if self._agreeing >= AGREEMENT:
+                self._believe_again(usual=False, late="")
 
     def _interrupt(self, window: EvidenceWindow, last: EvidenceWindow | None) -> None:
         """Of a window that is not told against the one before."""
@@ -311,7 +332,7 @@ class CommandBelief:
     def _beyond(self, window: EvidenceWindow, speed: float, vague: float) -> str:
         late, missed = self._farther.late(self.delay), vague + self._steps.places.most_missed(missed_in(window))
         far = self._far.is_far(window.mean.ecc, speed, late, missed)
-        return _why_far(window.mean.ecc, speed, self._far.allowed(speed, late)) if far else ""
+        return why_far(window.mean.ecc, speed, self._far.allowed(speed, late)) if far else ""
 
     def _is_bent(self, missed: float, speed: float) -> bool:
         """Whether interpolation misses more than samples and their stamps scatter by, which bends them as well."""
@@ -321,21 +342,13 @@ class CommandBelief:
         """Whether a window's distance is one from begin to end: not interpolated wrong, and without a step."""
         return not self._is_bent(missed, speed) and scatter <= self._farther.rippled
 
-    def _step_of(self, step: DistanceStep, window: EvidenceWindow) -> str:
-        self._size = step.size
-        within = step.passed * window.duration * 1e3
-        return f"a step of {step.size * 1e6:.3g} µrad between rotation and command within {within:g} ms"
-
     def _moved_in_silence(self, window: EvidenceWindow, last: EvidenceWindow, speed: float, scatter: float) -> str:
         """The same over a silence of the heads: what is less than a step counts as uncertainty."""
         self.shift = self._shift_in_silence(window, last, speed) if not self.doubt else 0.0
         if self.shift <= STEADY * self._limits.following_error + 6.0 * scatter:
             return ""
         self._size = max(self.shift, abs(self._zero.latest))
-        return (
-            f"rotation and command are {self.shift * 1e6:.3g} µrad further apart than before the heads were silent: "
-            "they may have lost counts"
-        )
+        return why_moved(self.shift)
 
     def _shift_in_silence(self, window: EvidenceWindow, last: EvidenceWindow, speed: float) -> float:
         theta, distance = window.mean.theta, window.mean.ecc
@@ -383,21 +396,4 @@ class CommandBelief:
         return self._late()
 
     def _late(self) -> str:
-        if abs(self.delay) <= self._limits.latency:
-            return ""
-        return (
-            f"the heads are {self.delay * 1e3:.3g} ms behind the command, more than the "
-            f"{self._limits.latency * 1e3:.3g} ms of the stage's limits: stamps of one of them are wrong"
-        )
-
-
-def _why_far(distance: float, speed: float, allowed: float) -> str:
-    return (
-        f"rotation and command are {distance * 1e6:.4g} µrad apart at {speed:.3g} rad/s; following error and latency "
-        f"explain {allowed * 1e6:.3g}. Command, its stamps, or the zero of the heads are wrong"
-    )
-
-
-def _tells(window: EvidenceWindow) -> bool:
-    """Whether the mean distance is one: not of a window that lacks rotation or command at some ticks."""
-    return window.has("command") and window.has("heads")
+        return "" if abs(self.delay) <= self._limits.latency else why_late(self.delay, self._limits.latency)

@@ -19,7 +19,7 @@ from rotary_error_monitor.description.streams import AUTOCOLLIMATOR, COMMAND
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 from rotary_error_monitor.pipeline.distance_reach import ACCELERATION
 from rotary_error_monitor.pipeline.estimator_settings import LONGEST_GAP_NS
-from rotary_error_monitor.pipeline.mixed_rotation import described_lead, is_mixed
+from rotary_error_monitor.pipeline.mixed_rotation import described_lead
 from rotary_error_monitor.pipeline.stream_limits import described_tilt, described_tilts
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 from rotary_error_monitor.signals.resampling import Resampled, resample, resample_all
@@ -56,11 +56,11 @@ class DescribedReadings:
             stage: its description.
             streams: by their names.
             bits: bit of each stream in a mask, by its name.
-            layout: gives that of some heads by their names; None where they tell no rotation.
+            layout: gives that of some heads by their names; None of none.
             period_ns: distance of two ticks, ns.
         """
         self._stage, self._streams, self._layout, self._period_ns = stage, streams, layout, period_ns
-        self._fastest, self._mixed = stage.limits.speed, is_mixed(stage)
+        self._fastest = stage.limits.speed
         heads = tuple(f"head_{name}" for name in stage.azimuths)
         self._sources = heads or (COMMAND,)
         self._bits = {name: bits[name] for name in self._sources}
@@ -184,7 +184,7 @@ class DescribedReadings:
         if names == (COMMAND,):
             return np.ones(1)
         layout = self._layout(names)
-        return layout.weights[0] if layout is not None and (layout.tells_rotation or self._mixed) else None
+        return None if layout is None else layout.weights[0]
 
     def _described(
         self, ticks: NDArray[np.int64], names: tuple[str, ...], weights: Array, max_gap_ns: int
@@ -213,7 +213,8 @@ class DescribedReadings:
             known &= each.valid
             if stream.has_gaps:
                 known &= stream.is_whole(times, self._period_ns, after_patience=False)
-        if self._mixed:  # what the place of the ring adds, as far as it is described
+        layout = self._layout(names) if names != (COMMAND,) else None
+        if layout is not None and not layout.tells_rotation:  # what the place of the ring adds, as far as described
             azimuths = tuple(self._stage.azimuths[name.removeprefix("head_")] for name in names)
             alike = np.repeat(theta[:, None], len(names), axis=1)
             theta -= described_lead(self._stage, azimuths, alike).mean(axis=1)

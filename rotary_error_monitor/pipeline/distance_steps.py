@@ -7,6 +7,7 @@ from typing import NamedTuple
 from rotary_error_monitor.pipeline.distance_noise import missed_in
 from rotary_error_monitor.pipeline.distance_places import DistancePlaces, WindowDistance
 from rotary_error_monitor.pipeline.distance_reach import STEADY
+from rotary_error_monitor.pipeline.distance_words import why_stepped
 from rotary_error_monitor.pipeline.evidence import SIGMAS, EvidenceWindow
 from rotary_error_monitor.pipeline.held_step import HeldStep
 from rotary_error_monitor.pipeline.speed_slope import SpeedSlope
@@ -48,6 +49,10 @@ class DistanceStep(NamedTuple):
     size: float
     passed: int
     before: WindowDistance
+
+    def told(self, duration: float) -> tuple[WindowDistance, str, float]:
+        """What was before it, the same in words by the duration of a window, s, and its size."""
+        return self.before, why_stepped(self.size, self.passed * duration), self.size
 
 
 class DistanceSteps:

@@ -28,7 +28,7 @@ from rotary_error_monitor.pipeline.evidence import INDEX as EVIDENCE
 from rotary_error_monitor.pipeline.evidence import WINDOW_NS, Evidence
 from rotary_error_monitor.pipeline.late_tilt import LateTilt
 from rotary_error_monitor.pipeline.listed_sensors import ListedSensors
-from rotary_error_monitor.pipeline.mixed_rotation import MixedRotation, is_mixed
+from rotary_error_monitor.pipeline.mixed_rotation import MixedRotation
 from rotary_error_monitor.pipeline.publication import Believed, Decisions, Publication
 from rotary_error_monitor.pipeline.repetition import Repetition
 from rotary_error_monitor.pipeline.stream_limits import is_saturated, stream_limits
@@ -89,7 +89,7 @@ class Estimator:
         self._described = DescribedReadings(stage, self._streams, self._bits, self._ticks.layout, period_ns)
         self._joined_ns = self._settings.max_gap_ns if decisions is None else LONGEST_GAP_NS
         self._publication = Publication(stage, self._bits)
-        self._mixed = MixedRotation(stage, self._bits) if is_mixed(stage) else None
+        self._mixed = MixedRotation(stage, self._bits) if stage.azimuths else None
         self._late_tilt = LateTilt(stage, {name: self._bits[name] for name in self._heads})
         self.belief = Belief(
             stage, self._heads, self._bits, self._streams, period_ns, limit, self._settings.check_turns
@@ -336,13 +336,14 @@ class Estimator:
             believed,
             late,
         )
-        rows = None
-        if self._mixed is not None:
-            rows = self._mixed.take_out(motion, sampled, rates)
-            # beside a command that is not there, or doubted, nothing tells whether a head is wrong
-            publish &= (motion.streams & self._bits[COMMAND]) != 0
+        mixed = None if self._mixed is None else self._mixed.at(motion.streams)
         known_by = evidence.values[:done]
         seen = (known_by[:, EVIDENCE["heads"]] > 0.0) | (known_by[:, EVIDENCE["commanded"]] > 0.0)
+        rows = None
+        if self._mixed is not None and mixed is not None and mixed.any():
+            rows = self._mixed.take_out(motion, mixed, sampled, rates)
+            # beside a command that is not there, or doubted, nothing tells whether a head is wrong
+            seen &= ~mixed | (motion.streams & self._bits[COMMAND] != 0)
         if self._listed is not None:
             known = {name: each.at(np.arange(done)) for name, each in sampled.items()}
             said = {at: (each.sensor_scale, each.sensor_conflict) for at, each in decided.items() if at < done}

@@ -73,7 +73,7 @@ class EstimatorStatus:
     Attributes:
         estimates: ticks published.
         withheld: ticks not published because the heads contradict one another.
-        unobservable: ticks not published because too few heads were there to tell the rotation.
+        unobservable: ticks not published because nothing was there that tells the rotation.
         saturated: samples of autocollimator and listed sensors at the end of the measuring range, by stream.
         restarts: how often everything began anew because the clock was set back.
         turns: whole turns that were taken out of the heads, to count as the command does.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Generic, NamedTuple, TypeVar
@@ -236,6 +236,14 @@ class Windows:
         masks = self.available[chosen], self.steady[chosen], self.broken[chosen]
         arrays = self.parity[chosen], *masks, self.readings[chosen]
         return Windows(self.first + begin, self.duration, self.ticks, mean, scatter, *arrays)
+
+    def up_to_measurements(self) -> Iterator[Windows]:
+        """The same in parts, each up to a window in which judges measure: its number is a multiple of `SHORT`."""
+        begin = 0
+        while begin < len(self):
+            end = min(begin + 1 + -(self.first + begin) % SHORT, len(self))
+            yield self.part(begin, end)
+            begin = end
 
     def pairs(self, name: str) -> list[tuple[float, float]]:
         """(n,) both components of a vector in the plane."""

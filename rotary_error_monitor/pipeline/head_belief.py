@@ -140,6 +140,11 @@ class HeadBelief:
         return self._steps.settled
 
     @property
+    def tells_rotation(self) -> bool:
+        """Whether the heads in use tell the rotation free of the ring's displacement."""
+        return bool(self._believed) and self._layout(self._believed).tells_rotation
+
+    @property
     def lost(self) -> bool:
         """Whether redundancy that the stage is described with is not there any more."""
         return self._described > 0 and not self.redundant

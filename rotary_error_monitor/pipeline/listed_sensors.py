@@ -24,7 +24,7 @@ from rotary_error_monitor.pipeline.joint_limits import JointLimits
 from rotary_error_monitor.pipeline.listed_belief import SensorBelief
 from rotary_error_monitor.pipeline.listed_readings import ListedReadings, ListedTicks
 from rotary_error_monitor.pipeline.listed_windows import sensor_windows
-from rotary_error_monitor.pipeline.mixed_rotation import MixedRows, is_mixed
+from rotary_error_monitor.pipeline.mixed_rotation import MixedRows, with_positioning
 from rotary_error_monitor.pipeline.tilt_by_others import TILT, TiltByOthers
 from rotary_error_monitor.pipeline.verdict import DOUBTS
 from rotary_error_monitor.signals.resampling import Resampled
@@ -81,7 +81,7 @@ class ListedSensors:
         self._pending: tuple[int, ListedTicks] | None = None
         self._conflicts: deque[float] = deque(maxlen=SHORT)
         self._limits, self._impossible = JointLimits(stage.limits), np.zeros(len(fields), np.bool_)
-        self._alone = stage.encoder is None or is_mixed(stage)
+        self._alone = stage.encoder is None
         self._tilt, self._tilt_bit = TiltByOthers(), bits[AUTOCOLLIMATOR] if stage.autocollimator else 0
         self._tilt_doubted = False
         self._unless: dict[str, str] = {}  # what may be wrong in the place of a sensor, by its stream
@@ -161,8 +161,10 @@ class ListedSensors:
         choices = (used[:, self._first] * bits).sum(axis=1)
         variance = shown.noise * scale[:, None] ** 2 + shown.systematic + shown.common
         begin = None if heads is None else heads.at(slice(done))
-        if self._alone:
-            conflict = np.maximum(conflict, self._conflict_of(motion, _Used(choices, shown.reading, variance, begin)))
+        alone = np.full(done, self._alone) if begin is None else self._alone | (begin.kinds > 0)
+        if alone.any():
+            found = self._conflict_of(motion, _Used(choices, shown.reading, variance, begin))
+            conflict = np.where(alone, np.maximum(conflict, found), conflict)
         streams = motion.streams & ~int(bits.sum()) | choices
         used_too = replace(motion, streams=streams, sensor_scale=scale, sensor_conflict=conflict)
         raised = variance * conflict[:, None] ** 2
@@ -228,7 +230,7 @@ class ListedSensors:
         for chosen, known, seen in self._seen(motion, used):
             extended = extend(known, seen)
             if not extended.observable[0, ECC] and motion.observable[chosen[0], ECC]:
-                extended = _with_positioning(extended, motion.at(chosen))
+                extended = with_positioning(extended, motion.at(chosen))
             upper = np.triu(extended.covariance)  # the two halves differ by rounding, and one half is published
             symmetric = upper + np.triu(upper, 1).swapaxes(1, 2)
             for whole, part in zip(found, (extended.components, extended.observable, symmetric), strict=True):
@@ -391,10 +393,3 @@ class ListedSensors:
             judge, stream = self._judges[place], self._streams[place]
             if not judge.doubt or judge.since >= number - LONG or self._unless.pop(stream, ""):
                 judge.retract()
-
-
-def _with_positioning(motion: ErrorMotion, before: ErrorMotion) -> ErrorMotion:
-    """An error motion, at times that see the same, with the positioning as it was before: nothing was added to it."""
-    motion.components[:, ECC], motion.observable[:, ECC] = before.components[:, ECC], True
-    motion.covariance[:, ECC, ECC] = before.covariance[:, ECC, ECC]
-    return motion

@@ -82,18 +82,21 @@ def is_mixed(stage: StageDescription) -> bool:
     return bool(stage.azimuths) and not HeadLayout(tuple(stage.azimuths.values())).tells_rotation
 
 
-def limits_of_distance(stage: StageDescription) -> StageLimits:
-    """Limits of a stage, between what heads tell of the rotation and its command.
+def mixed_in(stage: StageDescription) -> float:
+    """What of the rotation may be displacement, by heads that do not tell it from rotation, rad.
 
-    What heads show of the ring's displacement that they do not tell from rotation is in their distance, and what is
-    uncertain of the place that is taken off: one that is alone shows all.
+    It is the ring's displacement, and what is uncertain of the place that is taken off: one that is alone shows all.
     """
+    displaced = stage.limits.radial + SIGMAS * float(np.sqrt(AssemblyVariance.of(stage).radial))
+    return displaced / stage.ring.disc_radius
+
+
+def limits_of_distance(stage: StageDescription) -> StageLimits:
+    """Limits of a stage, between what all its heads together tell of the rotation and its command."""
     limits = stage.limits
     if not is_mixed(stage):
         return limits
-    assembly, radius = AssemblyVariance.of(stage), stage.ring.disc_radius
-    displaced = limits.radial + SIGMAS * float(np.sqrt(assembly.radial))
-    return replace(limits, following_error=limits.following_error + displaced / radius)
+    return replace(limits, following_error=limits.following_error + mixed_in(stage))
 
 
 def head_row(azimuth: float, radius: float) -> Array:
@@ -115,6 +118,13 @@ def described_lead(stage: StageDescription, azimuths: tuple[float, ...], reading
     return lead
 
 
+def with_positioning(motion: ErrorMotion, before: ErrorMotion) -> ErrorMotion:
+    """An error motion, at times that see the same, with the positioning as it was before: nothing was added to it."""
+    motion.components[:, _ECC], motion.observable[:, _ECC] = before.components[:, _ECC], True
+    motion.covariance[:, _ECC, _ECC] = before.covariance[:, _ECC, _ECC]
+    return motion
+
+
 class MixedRotation:
     """Takes out of an error motion what such heads do not tell apart."""
 
@@ -122,29 +132,50 @@ class MixedRotation:
         """Heads of `stage`, with the `bits` of its streams."""
         self._spindle, self._radius = stage.spindle, stage.ring.disc_radius
         self._azimuths = {bits[f"head_{letter}"]: azimuth for letter, azimuth in stage.azimuths.items()}
-        self._names = [f"head_{letter}" for letter in stage.azimuths]
+        self._names = {bits[f"head_{letter}"]: f"head_{letter}" for letter in stage.azimuths}
         self._mask = sum(self._azimuths)
         # where the ring can be is taken as a rectangle, as an unknown within bounds is (JCGM 100:2008, 4.3.7)
         self._displaced = stage.limits.radial**2 / 3.0
-        limits = limits_of_distance(stage)
-        self._at_rest, self._by_speed = limits.following_error / SIGMAS, limits.latency / SIGMAS
+        limits = stage.limits
+        self._at_rest = (limits.following_error + mixed_in(stage)) / SIGMAS
+        self._by_speed = limits.latency / SIGMAS
+        self._layouts: dict[int, HeadLayout] = {}
         assembly = AssemblyVariance.of(stage)
         self._eccentricity, self._graduation = assembly.eccentricity, assembly.graduation / self._radius**2
         self._slope = slope_of(stage.mirror)
 
-    def take_out(self, motion: ErrorMotion, sampled: Mapping[str, Resampled], rates: Mapping[str, float]) -> MixedRows:
+    def at(self, streams: NDArray[np.int64]) -> Mask:
+        """(m,) whether the heads of the `streams` (m,) that are used do not tell rotation and displacement apart."""
+        heads = streams & self._mask
+        found = np.zeros(len(heads), np.bool_)
+        if self._layout(self._mask).tells_rotation and (heads == self._mask).all():
+            return found
+        for mask in np.unique(heads[heads != 0]).tolist():
+            found |= (heads == mask) & (not self._layout(mask).tells_rotation)
+        return found
+
+    def _layout(self, mask: int) -> HeadLayout:
+        if mask not in self._layouts:
+            self._layouts[mask] = HeadLayout(tuple(azimuth for bit, azimuth in self._azimuths.items() if mask & bit))
+        return self._layouts[mask]
+
+    def take_out(
+        self, motion: ErrorMotion, mixed: Mask, sampled: Mapping[str, Resampled], rates: Mapping[str, float]
+    ) -> MixedRows:
         """Rows of the heads in an error motion of m ticks, of which only what is sure of each component stays.
 
-        Its displacement is what the heads see of it, and is not observable behind this. Its first arrays are changed in
-        place: positioning and tilt are as uncertain as the place of the ring makes them.
+        At the ticks that are `mixed` (m,) its displacement is what the heads see of it, and is not observable behind
+        this. Its first arrays are changed in place: positioning and tilt are as uncertain as the place of the ring
+        makes them.
 
         Args:
             motion: as heads, autocollimator and command show it.
+            mixed: at which ticks its heads do not tell rotation and displacement apart.
             sampled: the streams at its ticks, or at more ticks behind these.
             rates: samples per s of each stream.
         """
-        count, heads = len(motion.theta), motion.streams & self._mask
-        untold = self._untold(sampled, rates, count)
+        count, heads = len(motion.theta), np.where(mixed, motion.streams & self._mask, 0)
+        untold = self._untold(heads, sampled, rates)
         rows = MixedRows(
             np.zeros((count, ROWS, len(COMPONENTS))),
             np.zeros((count, ROWS)),
@@ -152,25 +183,25 @@ class MixedRotation:
             np.zeros((count, ROWS), np.bool_),
             np.zeros(count),
         )
-        motion.covariance[:, _ECC, _ECC] += np.where(motion.observable[:, _ECC], untold, 0.0)
+        motion.covariance[:, _ECC, _ECC] += np.where(motion.observable[:, _ECC] & mixed, untold, 0.0)
         for mask in np.unique(heads[heads != 0]).tolist():
-            layout = HeadLayout(tuple(azimuth for bit, azimuth in self._azimuths.items() if mask & bit))
-            self._fill(rows, np.flatnonzero(heads == mask), motion, layout)
-        motion.hide(np.ones(count, np.bool_), (0, 1))
+            self._fill(rows, np.flatnonzero(heads == mask), motion, self._layout(mask))
+        motion.hide(mixed, (0, 1))
         turned = rows.turned**2
         motion.covariance[:, _ECC, _ECC] += np.where(motion.observable[:, _ECC], turned, 0.0)
         for place in (3, 4):
             motion.covariance[:, place, place] += np.where(motion.observable[:, place], self._slope**2 * turned, 0.0)
         return rows
 
-    def _untold(self, sampled: Mapping[str, Resampled], rates: Mapping[str, float], count: int) -> Array:
-        """(m,) variance by a fault of a head that its command does not tell: no other head would contradict it, rad².
+    def _untold(self, heads: NDArray[np.int64], sampled: Mapping[str, Resampled], rates: Mapping[str, float]) -> Array:
+        """(m,) variance by a fault of `heads` (m,) that the command does not tell: none would contradict them, rad².
 
         What is beyond following error, and latency times the speed, is told (Baarda 1968).
         """
-        speed = np.zeros(count)
-        for name in self._names:
-            speed = np.maximum(speed, sampled[name].travel[:count, 0] * rates[name] / 3.0)  # over three intervals
+        speed = np.zeros(len(heads))
+        for bit, name in self._names.items():
+            own = sampled[name].travel[: len(heads), 0] * rates[name] / 3.0  # over three intervals
+            speed = np.where(heads & bit != 0, np.maximum(speed, own), speed)
         return np.asarray((self._at_rest + self._by_speed * speed) ** 2)
 
     def _fill(self, rows: MixedRows, at: NDArray[np.intp], motion: ErrorMotion, layout: HeadLayout) -> None:

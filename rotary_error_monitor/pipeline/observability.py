@@ -42,9 +42,7 @@ def rotation_is_lacking(stage: StageDescription) -> str:
     """Why there is no estimate of a stage, in words."""
     if stage.encoder is None:
         return "at no time was the command there, which alone tells the rotation"
-    if is_mixed(stage):
-        return "at no time was a head there"
-    return "at no time were two opposed or three heads there together"
+    return "at no time was a head there, with a command beside it where it does not tell rotation from displacement"
 
 
 def _without_listed(stage: StageDescription) -> tuple[NDArray[np.bool_], Array]:

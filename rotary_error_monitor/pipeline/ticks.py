@@ -25,7 +25,7 @@ from rotary_error_monitor.metrology.harmonics import planar_sum
 from rotary_error_monitor.metrology.periodic_curves import curve
 from rotary_error_monitor.pipeline import evidence
 from rotary_error_monitor.pipeline.kernel import CommandParts, RingParts, TiltParts, chosen_kernel
-from rotary_error_monitor.pipeline.mixed_rotation import described_lead, is_mixed
+from rotary_error_monitor.pipeline.mixed_rotation import described_lead
 from rotary_error_monitor.pipeline.standing_rotor import RotorReadings
 from rotary_error_monitor.signals.resampling import Resampled
 
@@ -44,7 +44,7 @@ class Ticks:
         evidence: (m, l) what they say about their streams, columns as in `pipeline.evidence`.
         parity: (m, h) contradiction of the heads, rad.
         disagreement: (m,) of the heads, in standard deviations.
-        layout: of the heads that were used; None where these do not tell the rotation. Of several the last one.
+        layout: of the heads that were used; None where there was none. Of several the last one.
         redundancy: (m,) contradictions among the heads that were used which would show.
         readings: (m, P) what the instruments read, of a stage without heads; else (m, 0).
     """
@@ -90,7 +90,6 @@ class TickMaker:
         self._heads = dict(heads)
         self._period = period
         self._readings = None if self._heads else RotorReadings(stage)
-        self._mixed = is_mixed(stage)
         self._layouts: dict[tuple[float, ...], HeadLayout] = {}
         self._unseen_orders: dict[HeadLayout, tuple[int, ...]] = {}
         for table in (stage.encoder and stage.encoder.graduation_table, stage.mirror.flatness_table):
@@ -186,7 +185,7 @@ class TickMaker:
                 both = np.concatenate([*bends, sampled[COMMAND].bend], axis=1)
                 command = CommandParts(sampled[COMMAND].values[:, 0], both)
             self._put(motion, seen, seen_ring, tilt, command)
-            if self._mixed:
+            if not layout.tells_rotation:
                 _put_part(motion, layout, seen_ring)
         whole = ring if everyone == heads else self._ring(everyone, sampled, rates)[1]
         if whole is not None:
@@ -198,17 +197,17 @@ class TickMaker:
     def _ring(
         self, heads: tuple[str, ...], sampled: Mapping[str, Resampled], rates: Mapping[str, float]
     ) -> tuple[HeadLayout | None, RingPose | None]:
-        """Layout and pose by some heads; none where these do not tell the rotation.
+        """Layout and pose by some heads; none where there is none.
 
-        Where not even all heads of the stage tell it free of displacement, they tell it as far as that is described.
+        Heads that do not tell the rotation free of displacement tell it as far as that is described.
         """
         layout = self.layout(heads)
-        if layout is None or not (layout.tells_rotation or self._mixed):
+        if layout is None:
             return None, None
         encoder = self._stage.ring
         readings = np.concatenate([sampled[name].values for name in heads], axis=1)
         readings = remove_graduation(readings, np.array(layout.azimuths), encoder)
-        if self._mixed:
+        if not layout.tells_rotation:
             readings = readings - described_lead(self._stage, layout.azimuths, readings)
         gain = np.concatenate([sampled[name].gain[:, None] for name in heads], axis=1)
         travel, bend = (
@@ -231,7 +230,7 @@ class TickMaker:
         # what of the displacement is predicted, as far as these heads see it
         described = planar_sum(stage.spindle.radial, ring.theta) @ layout.view[1]
         predicted = (ring.centre - radial) @ layout.view[1] + described
-        if self._mixed:  # it is off the readings
+        if not layout.tells_rotation:  # it is off the readings
             predicted = np.zeros_like(predicted)
         return RingParts(
             ring.theta,

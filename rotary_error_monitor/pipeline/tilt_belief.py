@@ -12,10 +12,10 @@ from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.two_axis_section import Autocollimator
 from rotary_error_monitor.metrology.description_check import DARK, MIRRORED, Claim, FigureCheck, Mistake, departure
 from rotary_error_monitor.metrology.repeated_readings import run_by_chance
-from rotary_error_monitor.pipeline.evidence import AGREEMENT, LONG, SHORT, SIGMAS, EvidenceWindow, Reach, Windows
+from rotary_error_monitor.pipeline.evidence import AGREEMENT, SHORT, SIGMAS, EvidenceWindow, Reach, Windows
 from rotary_error_monitor.pipeline.first_turn import OWN, FirstTurn, own_part
-from rotary_error_monitor.pipeline.tilt_look import Look, StillParts, bounds_of, mean_of
-from rotary_error_monitor.pipeline.trailing import Trailing
+from rotary_error_monitor.pipeline.tilt_look import Look, StillParts, mean_of
+from rotary_error_monitor.pipeline.tilt_scatter import TiltScatter
 from rotary_error_monitor.pipeline.turn_memory import distance
 from rotary_error_monitor.pipeline.usual_level import UsualLevel
 
@@ -80,9 +80,7 @@ class TiltBelief:
         self.reach = self._anywhere
         self.forget_turn()
         self._agreeing = self._size = self._near = self._farthest = 0.0
-        self._squares, self._within = Trailing(_SPANS[-1]), Trailing(LONG)
-        self._bounds_of: tuple[tuple[int, ...], float, int] | None = None  # counts of squares that `_bounds` hold for
-        self._bounds: list[float] = []
+        self._scatter = TiltScatter()
         self._recent: deque[tuple[float, float]] = deque(maxlen=SHORT)
         self._before: tuple[float, float] | None = None
         self._last: Look | None = None
@@ -122,8 +120,10 @@ class TiltBelief:
         mean, duration = window.mean, window.duration
         self._drifted = self._drift(duration)
         samples = window.ticks * mean.tilt_samples
-        shown = window.pair("tilt"), window.pair("tilt_surplus"), samples, mean.tilt_variance, window.pair("surplus")
-        self._here = here = self._look(window.number, mean.theta, *shown)
+        pairs = window.pair("tilt"), window.pair("tilt_surplus")
+        self._here = here = self._look(
+            window.number, mean.theta, *pairs, samples, mean.tilt_variance, window.pair("surplus")
+        )
         stuck = self._is_stuck(samples, duration) or self._still_parts.judge(here, duration) or self._stands(duration)
         step = self._step(duration)
         wrong = stuck or step or self._beyond()
@@ -131,7 +131,9 @@ class TiltBelief:
             new = self._add([mean.theta], [window.vector("tilt")], [window.vector("tilt_surplus")])
             wrong = self._misread(window.number, math.sqrt(mean.tilt_variance), new)
         inner = (window.ticks - 2) * mean.tilt_samples
-        (self._noise_scale,) = self._measure_noise([self._here], [window.scatter[1:]], [inner])
+        (self._noise_scale,) = self._scatter.measure(
+            self._earlier(here), [here], [window.scatter[1:]], [inner], self._drifted
+        )
         if wrong or self.doubt:
             self._conclude(duration, wrong, step)
         else:
@@ -166,7 +168,8 @@ class TiltBelief:
         looks = list(map(self._look, windows.numbers, mean.theta, *vectors, samples, mean.tilt_variance, ring))
         self._add(mean.theta, windows.vectors("tilt"), windows.vectors("tilt_surplus"))
         scatters = list(zip(scatter.tilt_surplus_x, scatter.tilt_surplus_y, strict=True))
-        scales = self._measure_noise(looks, scatters, [(ticks - 2) * each for each in mean.tilt_samples])
+        inner = [(ticks - 2) * each for each in mean.tilt_samples]
+        scales = self._scatter.measure(self._earlier(looks[0]), looks, scatters, inner, self._drifted)
         found = []
         wrong = self._misread(windows.last.number, math.sqrt(mean.tilt_variance[-1]), new=False)
         for look, scale in zip(looks, scales, strict=True):
@@ -195,6 +198,11 @@ class TiltBelief:
         apart = 1 if samples >= 1.0 else min(math.ceil(1.0 / max(samples, 1e-9)), SHORT // 2)
         stated = self._noise / math.sqrt(max(1.0, samples))
         return Look(number, theta, reading, surplus, samples, apart, stated, variance or math.inf, ring)
+
+    def _earlier(self, look: Look) -> list[tuple[float, float]]:
+        """What the last windows showed before one, where it comes right behind them and the tilt is believed."""
+        follows = self._last is not None and look.number == self._last.number + 1
+        return list(self._recent) if follows and not self.doubt else []
 
     def _settle(self, duration: float) -> None:
         """How sure the tilt is, and where it can be next."""
@@ -323,54 +331,6 @@ class TiltBelief:
         """Add to the figure what is read; give whether an angle is new."""
         return self.figure.extend(thetas, readings, map(sub, readings, surplus))
 
-    def _measure_noise(
-        self, looks: Sequence[Look], scatters: Sequence[tuple[float, ...]], inner: Sequence[float]
-    ) -> list[float]:
-        """Scatter of windows against what the stated noise explains: `_noise_scale` after each.
-
-        Beside them the `scatters` within, about a straight line, of so many independent readings.
-        """
-        last, recent = self._last, list(self._recent)
-        if self.doubt or last is None or looks[0].number != last.number + 1:
-            recent = []
-        without = min(max(0, 2 - len(recent)), len(looks))  # the first windows have not two before them
-        among = self._among([*recent, *(look.surplus for look in looks)], looks[without:])
-        within = list[float]()
-        for (x, y), look in zip(scatters[without:], looks[without:], strict=True):
-            within += min(x**2 / look.variance, 1e6), min(y**2 / look.variance, 1e6)
-        ends = list(zip(self._squares.add(among, 2), self._within.add(within, 2), strict=True))
-        before = self._squares.end - len(among), self._within.end - len(within)
-        found, scale = [], self._noise_scale
-        for look, end, each in zip(looks, [before] * without + ends, inner, strict=True):
-            scale = self._noise_by(*end, each, look.apart) if end[0] >= SHORT else scale
-            found.append(scale)
-        return found
-
-    def _among(self, course: Sequence[tuple[float, float]], looks: Sequence[Look]) -> list[float]:
-        """Squares of both components of the last windows about earlier ones over what the stated noise makes of them.
-
-        Where readings are further apart than windows, neighbours show the same one: what the rotor does between two
-        readings, which nobody sees, shows only in windows that are as far apart.
-        """
-        squares = list[float]()
-        for place, look in enumerate(looks, start=len(course) - len(looks)):
-            apart = min(look.apart, place // 2)
-            (x, y), (x1, y1), (x2, y2) = course[place - 2 * apart], course[place - apart], course[place]
-            variance = 1.5 * look.stated**2 + apart * self._drifted**2
-            squares += min((x1 - 0.5 * (x + x2)) ** 2 / variance, 1e6), min((y1 - 0.5 * (y + y2)) ** 2 / variance, 1e6)
-        return squares
-
-    def _noise_by(self, end: int, end_within: int, each: float, apart: int) -> float:
-        """By how much noise is more than is stated, by squares among windows and within up to places."""
-        among, within = self._squares, self._within
-        spans = [(among, end, span) for span in _SPANS] + [(within, end_within, span) for span in (2 * SHORT, LONG)]
-        counts = 2, *(scatter.count(place, span) for scatter, place, span in spans)
-        if (counts, each, apart) != self._bounds_of:
-            self._bounds_of, self._bounds = (counts, each, apart), bounds_of(counts, len(_SPANS), each, apart)
-        last, *bounds = self._bounds
-        found = [one.significant(place, span, most) for (one, place, span), most in zip(spans, bounds, strict=True)]
-        return math.sqrt(max(among.mean(end, 2) / last, *found))
-
     @property
     def _deviation(self) -> float:
         """Standard deviation of the mean of the window that is judged, rad."""
@@ -410,8 +370,5 @@ class TiltBelief:
                 return False
         return None
 
-
-_SPANS = SHORT, LONG, 10 * LONG
-"""Squares among windows of which a mean tells the noise: the more, the less of it chance can make."""
 
 _MISREAD = "it does not fit its description"

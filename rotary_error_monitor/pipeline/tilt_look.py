@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 from rotary_error_monitor.description.two_axis_section import Autocollimator
-from rotary_error_monitor.metrology.agreement import chi_square_bound
 from rotary_error_monitor.metrology.repeated_readings import run_by_chance
 from rotary_error_monitor.pipeline.evidence import SHORT, SIGMAS
 
@@ -73,17 +71,6 @@ class StillParts:
             if run * here.samples > self._equal_run or (run >= SHORT and gone > self._floor):
                 found = f"stuck: the same reading of {name} for {run * duration * 1e3:.0f} ms"
         return found
-
-
-def bounds_of(counts: Sequence[int], spans: int, each: float, apart: int) -> list[float]:
-    """Bounds on means of so many squares: the first and those of so many `spans` among windows, the others within.
-
-    Within windows, of which a straight line takes two, there are `each` independent readings; among them only one of
-    so many that are `apart` shows a reading of its own, and neighbours share windows, which leaves about half.
-    """
-    among = [0.5 * count / apart for count in counts[: 1 + spans]]
-    within = [max(1, round(each * count)) for count in counts[1 + spans :]]
-    return [chi_square_bound(freedom) for freedom in (*among, *within)]
 
 
 def mean_of(pairs: list[tuple[float, float]]) -> tuple[float, float]:

@@ -190,7 +190,7 @@ BEHAVIOUR = (
         "their streams are stale; redundancy is lost is said",
         "as the remaining heads tell rotation and motion apart",
         "what they determine: three or more everything, two opposed heads rotation and one direction, two others "
-        "nothing",
+        "or one positioning, as sure as the ring is in place",
         "0.1 s after the first whole block",
         goes_on=_ALL,
         heads=_TWO_TO_SPARE,

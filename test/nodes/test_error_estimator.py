@@ -202,9 +202,15 @@ def test_heads_die_one_after_another(cell, estimates, sensors, plant):
     check_against_truth(estimates[2:], plant)
 
     cell.remove(sensors["head_c"])
-    cell.wait_for_status("error_estimator: estimate", "too few heads")
+    cell.wait_for_status("error_estimator: estimate", "head_d alone does not tell rotation from displacement")
+    cell.wait_until(lambda: newest_mask(estimates) & 0b1111 == 0b1000, "the rotation from one head")
+    seen = int(block_of(estimates[-1]).column("observable")[-1])
+    assert seen & 0b11 == 0 and seen >> 5 & 1
+    cell.remove(sensors["head_d"])
+    cell.wait_for_status("error_estimator: estimate", "no head is there")
     cell.wait_for_silence(estimates)
     before = len(estimates)
+    cell.run(EncoderHead, "encoder_head_d", source="mock")
     cell.run(EncoderHead, "encoder_head_c", source="mock")
     cell.wait_until(lambda: len(estimates) > before + 5, "estimates with the head that came back")
     check_against_truth(estimates[2:], plant)

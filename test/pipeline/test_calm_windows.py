@@ -19,6 +19,9 @@ TOGETHER_NS = (1_000_000_000, 80_000_000)
 
 KINDS = (None, "head_jumps_10", "head_dead_later", "autocollimator_stuck", "command_stuck", "recording_paused")
 
+ENDING = ("autocollimator_stuck", "command_stuck", "recording_paused")
+"""Those that leave half of a recording, or the part before them, to be calm in."""
+
 
 def estimates(timeline, section, together_ns):
     """Every number that is published."""
@@ -34,7 +37,7 @@ def estimates(timeline, section, together_ns):
 
 def timeline_of(seed, fault):
     section = random_stage(seed)
-    recording = record(seed, section, 8.0 if fault == "recording_paused" else 5.0)  # of which it takes up to half
+    recording = record(seed, section, 8.0 if fault in ENDING else 5.0)
     if fault is not None:
         recording = FAULTS[fault](recording, np.random.default_rng(seed)).recording
     heard = [(arrival, stream_of(topic), block) for arrival, topic, block in recording.timeline()]

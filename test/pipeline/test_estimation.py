@@ -180,8 +180,20 @@ def test_two_opposed_heads_left_give_one_component_and_no_contradiction():
     np.testing.assert_allclose(result.components[late, 1], true_motion(t[late])[2], atol=3e-10)
 
 
-def test_with_one_head_left_nothing_is_published():
+def test_with_one_head_left_only_the_rotation_is_told():
+    """As sure as it is where the ring is: a head sees its displacement as rotation."""
     dead = {name: {"drop": ((0.3, 9.0),)} for name in ("head_b", "head_c", "head_d")}
+    result = run(in_order(streams(**dead)), finish=False)[1]
+    t = (result.times_ns - START) * 1e-9
+    late = t > 0.31
+    assert late.sum() > 100 and (result.streams[late] & 0b1111 == 0b0001).all()
+    assert not result.observable[late, :3].any() and result.observable[late, 5].all()
+    std = np.sqrt(result.covariance[:, 5, 5])
+    assert std[late].min() > STAGE.limits.radial / STAGE.ring.disc_radius / np.sqrt(3.0)
+
+
+def test_without_a_head_nothing_is_published():
+    dead = {f"head_{letter}": {"drop": ((0.3, 9.0),)} for letter in "abcd"}
     estimator, result = run(in_order(streams(**dead)), finish=False)
     assert (result.times_ns[-1] - START) * 1e-9 < 0.301
     assert estimator.status.unobservable > 100
