@@ -1,4 +1,4 @@
-"""What an instrument that is no input of the estimate shows of the radial error motion: LVDT, held-out probes."""
+"""What an instrument that is no input of the estimate shows of the radial error motion: its own, held-out probes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rotary_error_monitor.arrays import Array, Times
 from rotary_error_monitor.description.harmonics import AngularHarmonic
 from rotary_error_monitor.description.listed_sensors import ListedSensor, name_of
 from rotary_error_monitor.description.stage import StageDescription
-from rotary_error_monitor.description.streams import LVDT
+from rotary_error_monitor.description.streams import OWN_REFERENCE
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.harmonics import angular_sum
 from rotary_error_monitor.sensors.library import listed_kind
@@ -74,9 +74,9 @@ def is_reference(sensor: ListedSensor) -> bool:
 
 
 def reference_names(stage: StageDescription) -> tuple[str, ...]:
-    """Instruments of a stage that can be a reference: the LVDT, and radial probes by their names."""
+    """Instruments of a stage that can be a reference: the OWN_REFERENCE, and radial probes by their names."""
     probes = [name_of(stream, sensor) for stream, sensor in stage.sensors.items() if is_reference(sensor)]
-    return (*(() if stage.lvdt is None else (LVDT,)), *probes)
+    return (*(() if stage.reference is None else (OWN_REFERENCE,)), *probes)
 
 
 def without_references(stage: StageDescription, names: tuple[str, ...]) -> StageDescription:
@@ -102,19 +102,19 @@ def reference_of(stage: StageDescription, name: str, samples: Mapping[str, tuple
             f"it has {', '.join(names)}" if names else "it has neither a section 'lvdt' nor a radial probe in 'sensors'"
         )
         raise InputError(f"the stage has no reference '{name}'; {have}")
-    if name == LVDT:
-        return None if LVDT not in samples else _lvdt(stage, *samples[LVDT])
+    if name == OWN_REFERENCE:
+        return None if OWN_REFERENCE not in samples else _lvdt(stage, *samples[OWN_REFERENCE])
     stream = next(s for s, each in stage.sensors.items() if is_reference(each) and name_of(s, each) == name)
     return None if stream not in samples else _probe(stage, name, stream, *samples[stream])
 
 
 def _lvdt(stage: StageDescription, times: Times, values: Array) -> Reference:
-    lvdt, stated = stage.lvdt, stage.uncertainty
+    lvdt, stated = stage.reference, stage.uncertainty
     assert lvdt is not None  # who asks has seen it
-    gain = abs(stage.response(LVDT).gain)
+    gain = abs(stage.response(OWN_REFERENCE).gain)
     return Reference(
-        LVDT,
-        LVDT,
+        OWN_REFERENCE,
+        OWN_REFERENCE,
         ("x", "y"),
         np.eye(2),
         lvdt.height,
