@@ -7,7 +7,7 @@ import numpy as np
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.streams import OWN_REFERENCE
-from rotary_error_monitor.sensors.sensor import Pose, Sensor
+from rotary_error_monitor.sensors.sensor import Pose, RadialView, Sensor
 
 
 class TwoAxisLvdt(Sensor):
@@ -34,3 +34,18 @@ class TwoAxisLvdt(Sensor):
         assert reference is not None
         leaned = reference.height * np.stack([tilt[:, 1], -tilt[:, 0]]).T
         return pose.radial() + leaned + pose.state.turned(reference.artefact_eccentricity)
+
+    def radial_view(self, stage: StageDescription, stream: str) -> RadialView | None:
+        """Both axes; its response has corrected the samples."""
+        assert stage.reference is not None
+        gain, roll, place = (stage.uncertainty.get(f"{stream}.{name}", 0.0) for name in ("gain", "roll", "height"))
+        return RadialView(
+            axes=("x", "y"),
+            directions=np.eye(2),
+            height=stage.reference.height,
+            eccentricity=stage.reference.artefact_eccentricity,
+            noise=stage.reference.noise,
+            gain=gain / abs(stage.response(stream).gain),
+            roll=roll,
+            place=place,
+        )
