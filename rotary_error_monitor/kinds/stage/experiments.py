@@ -150,7 +150,8 @@ class _Measurement:
         streams, self._std = dict.fromkeys(problem.twin.times, time), dict(problem.noise.std)
         if stage.reference is not None:
             streams[OWN_REFERENCE] = time
-            self._std.setdefault(OWN_REFERENCE, stage.reference.noise)
+            if problem.stage.reference is None:  # its noise is not among those of the recording
+                self._std[OWN_REFERENCE] = stage.reference.noise
         self._twin = StageTwin(stage, inputs, streams)
         self._base = self._rows(())
 
