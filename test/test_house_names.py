@@ -85,3 +85,40 @@ def test_types_of_arrays_stand_in_one_file():
     shared = types(arrays)
     assert {"Array", "Times"} <= shared
     assert {str(path): again for _, path in modules() if path != arrays and (again := types(path) & shared)} == {}
+
+
+LVDT = {
+    "a section of the stage file, the stream, node and kind of sensor of that name": (
+        "description/stage.py",
+        "description/stage_section.py",
+        "description/streams.py",
+        "nodes/lvdt.py",
+        "sensors/lvdt.py",
+        "sources/vector3.py",
+    ),
+    "names of effects, of faults in the true world and of their departures": (
+        "blind_check/cases.py",
+        "cases/case_faults.py",
+        "cases/departures/draws.py",
+        "cases/departures/readings.py",
+        "cases/draws.py",
+        "cases/faults/instruments.py",
+        "effects/lvdt.py",
+    ),
+    "words of the command line, where people choose a reference by its name": (
+        "cli.py",
+        "commands/compare.py",
+        "commands/questions.py",
+    ),
+    "a paper that was verified with one": ("reproduction/lou2019.py", "reproduction/lou2019_figures.py"),
+}
+"""Files that name the LVDT, be it in words for a reader, by why they do."""
+
+
+def test_only_these_files_name_the_lvdt():
+    """It is one instrument of many that the estimate can be held against: all else asks for the reference, or asks the
+    description and the sensors for what it needs to know of an instrument.
+    """
+    texts = {str(path.relative_to(PACKAGE)): path.read_text(encoding="utf-8") for _, path in modules()}
+    named = {name for name, text in texts.items() if "lvdt" in f"{name} {text}".lower()}
+    assert named == {name for names in LVDT.values() for name in names}

@@ -1,4 +1,4 @@
-"""Error motion beside the reference LVDT: at the heights at which it stood, which the recording itself shows."""
+"""Error motion beside a reference: at the heights at which it stood, which the recording itself shows."""
 
 from __future__ import annotations
 
@@ -12,10 +12,15 @@ import numpy as np
 
 from rotary_error_monitor.analysis.rotation import ArrayCourse, RotationCourse, span_of
 from rotary_error_monitor.arrays import Array, Times
-from rotary_error_monitor.description.two_axis_section import Lvdt
+from rotary_error_monitor.description.two_axis_section import RadialReference
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.error_motion import ErrorMotion, rotate
-from rotary_error_monitor.metrology.lvdt_comparison import MAX_GAP_NS, LvdtAgreement, LvdtComparison, compare_with_lvdt
+from rotary_error_monitor.metrology.radial_comparison import (
+    MAX_GAP_NS,
+    RadialAgreement,
+    RadialComparison,
+    compare_radial,
+)
 from rotary_error_monitor.metrology.reference_fit import ReferenceFit, fit_reference
 from rotary_error_monitor.signals.resampling import resample
 from rotary_error_monitor.signals.rows import parts_of
@@ -24,10 +29,10 @@ WINDOW_NS = 1_000_000_000
 """Time in which a height is found, ns: with some 10 µrad of tilt and 0.05 µm of noise to a tenth of a millimetre."""
 
 MOVED = 5e-3
-"""Height by which the LVDT is elsewhere, m: at 20 µrad of tilt an estimate that is off by 0.1 µm looks like this."""
+"""Height by which a reference is elsewhere, m: at 20 µrad of tilt an estimate that is off by 0.1 µm looks like it."""
 
 LONG = 3
-"""Windows at one height from which the LVDT stood there."""
+"""Windows at one height from which the reference stood there."""
 
 SETTLING_NS = 500_000_000
 """Left out at both ends of a stay, ns."""
@@ -50,18 +55,18 @@ _REACH_NS = 5 * MAX_GAP_NS
 
 @dataclass(frozen=True)
 class Stay:
-    """The LVDT at one height.
+    """The reference at one height.
 
     Attributes:
         height: above the ring, m; as described where the recording shows no other.
         begin_ns, end_ns: timestamps (ns).
-        comparison: of estimate and LVDT.
+        comparison: of estimate and reference.
     """
 
     height: float
     begin_ns: int
     end_ns: int
-    comparison: LvdtAgreement
+    comparison: RadialAgreement
 
 
 class LongMotion(RotationCourse, Protocol):
@@ -72,7 +77,7 @@ class LongMotion(RotationCourse, Protocol):
 
 
 class LongSamples(Protocol):
-    """Samples of the LVDT over time, of which a part is looked at at once."""
+    """Samples of the reference over time, of which a part is looked at at once."""
 
     def between(self, begin_ns: int, end_ns: int) -> tuple[Times, Array]:
         """Timestamps (ns), ascending, and samples (k, 2), m, from one time to before another."""
@@ -120,19 +125,19 @@ class Stand:
     end_ns: int
 
 
-def stands_of_lvdt(
-    stamp_ns: Times, motion: ErrorMotion, lvdt: Lvdt, times_ns: Times, radial: Array
+def stands_of_reference(
+    stamp_ns: Times, motion: ErrorMotion, reference: RadialReference, times_ns: Times, radial: Array
 ) -> tuple[Stand, ...]:
-    """Where the LVDT stood: at its described height, unless it was moved while it was recorded.
+    """Where the reference stood: at its described height, unless it was moved while it was recorded.
 
     A height by the tilt comes from the estimate that is to be verified. So it counts only beside another one that the
-    LVDT was moved from, never against the description of an LVDT that stayed.
+    reference was moved from, never against the description of one that stayed.
 
     Args:
         stamp_ns: (n,) times of the estimate.
         motion: error motion at these times.
-        lvdt: as described; of its artefact the eccentricity need not be known.
-        times_ns: (k,) times of the LVDT's samples.
+        reference: as described; of its artefact the eccentricity need not be known.
+        times_ns: (k,) times of the reference's samples.
         radial: (k, 2) the samples, m.
     """
     if len(stamp_ns) < 2 or len(times_ns) < 2:
@@ -141,20 +146,20 @@ def stands_of_lvdt(
     whole = int(stamp_ns[0]), int(stamp_ns[-1]) + 1
     fit = _fitted(stamp_ns, motion, times_ns, radial, period)
     if fit is None:
-        return (Stand(lvdt.height, DESCRIBED, (lvdt.height,), *whole),)
-    known = replace(lvdt, artefact_eccentricity=(float(fit.joint[0]), float(fit.joint[1])))
+        return (Stand(reference.height, DESCRIBED, (reference.height,), *whole),)
+    known = replace(reference, artefact_eccentricity=(float(fit.joint[0]), float(fit.joint[1])))
     stays = list(_stays(ArrayMotion(stamp_ns, motion.theta, motion), known, ArraySamples(times_ns, radial), period))
     if len(stays) == 1 or not _are_apart(stays, stamp_ns, motion, times_ns, radial, period):
-        is_told = fit.higher_std < MOVED / 4 and abs(fit.higher - lvdt.height) >= MOVED
+        is_told = fit.higher_std < MOVED / 4 and abs(fit.higher - reference.height) >= MOVED
         shown = (fit.higher,) if is_told else ()
-        return (Stand(lvdt.height, DESCRIBED, (lvdt.height, *shown), *whole),)
+        return (Stand(reference.height, DESCRIBED, (reference.height, *shown), *whole),)
     found = []
     for height, begin, end in stays:
-        described = abs(height - lvdt.height) < MOVED
-        at = lvdt.height if described else height
+        described = abs(height - reference.height) < MOVED
+        at = reference.height if described else height
         found.append(Stand(at, DESCRIBED if described else SHOWN, (at,), begin, end))
     if all(stand.stated == DESCRIBED for stand in found):  # none is off the description: it did not move
-        return (Stand(lvdt.height, DESCRIBED, (lvdt.height,), *whole),)
+        return (Stand(reference.height, DESCRIBED, (reference.height,), *whole),)
     return tuple(found)
 
 
@@ -214,7 +219,7 @@ def _are_apart(
 ) -> bool:
     """Whether stays differ by more than their uncertainty as the scatter from window to window has it.
 
-    What errors of the estimate, which are no white noise, make of the height of a window is not in the LVDT's noise.
+    What errors of the estimate, which are no white noise, make of a window's height is not in the reference's noise.
     """
     fits = []
     for _, begin, end in stays:
@@ -228,28 +233,30 @@ def _are_apart(
     )
 
 
-def stays_of(estimates: LongMotion, period_ns: int, lvdt: Lvdt, samples: LongSamples) -> tuple[Stay, ...]:
+def stays_of(
+    estimates: LongMotion, period_ns: int, reference: RadialReference, samples: LongSamples
+) -> tuple[Stay, ...]:
     """Comparison at each height.
 
     Args:
         estimates: error motion, two times of it at least.
         period_ns: distance of two estimates, ns.
-        lvdt: as described.
-        samples: of the LVDT.
+        reference: as described.
+        samples: of the reference.
     """
     found = []
-    for height, begin, end in _stays(estimates, lvdt, samples, period_ns):
-        described = abs(height - lvdt.height) < MOVED
-        instrument = lvdt if described else replace(lvdt, height=height)
-        compared = LvdtAgreement.of(_compared(estimates, instrument, samples, period_ns, begin, end))
+    for height, begin, end in _stays(estimates, reference, samples, period_ns):
+        described = abs(height - reference.height) < MOVED
+        instrument = reference if described else replace(reference, height=height)
+        compared = RadialAgreement.of(_compared(estimates, instrument, samples, period_ns, begin, end))
         if compared is not None:  # else they have nothing in common
             found.append(Stay(instrument.height, begin, end, compared))
     return tuple(found)
 
 
 def _compared(
-    estimates: LongMotion, lvdt: Lvdt, samples: LongSamples, period_ns: int, begin_ns: int, end_ns: int
-) -> Iterator[LvdtComparison]:
+    estimates: LongMotion, reference: RadialReference, samples: LongSamples, period_ns: int, begin_ns: int, end_ns: int
+) -> Iterator[RadialComparison]:
     """Comparisons with the samples of a stay, part after part."""
     first, last = estimates.place(begin_ns), estimates.place(end_ns)
     for a, b in parts_of(first, last):
@@ -257,12 +264,14 @@ def _compared(
         # those of before and after the stay do not count
         near = samples.between(max(int(stamp_ns[0]) - _REACH_NS, begin_ns), min(int(stamp_ns[-1]) + _REACH_NS, end_ns))
         with contextlib.suppress(InputError):  # nothing in common
-            yield compare_with_lvdt(stamp_ns, motion, lvdt, *near, period_ns)
+            yield compare_radial(stamp_ns, motion, reference, *near, period_ns)
 
 
-def _stays(estimates: LongMotion, lvdt: Lvdt, samples: LongSamples, period_ns: int) -> Iterator[tuple[float, int, int]]:
+def _stays(
+    estimates: LongMotion, reference: RadialReference, samples: LongSamples, period_ns: int
+) -> Iterator[tuple[float, int, int]]:
     """Height, begin and end of each stay; all of it at the described height where no tilt shows any other."""
-    windows = np.array(list(_heights(estimates, lvdt, samples, period_ns))).reshape(-1, 3)
+    windows = np.array(list(_heights(estimates, reference, samples, period_ns))).reshape(-1, 3)
     edges = np.flatnonzero(np.abs(np.diff(windows[:, 0])) > MOVED) + 1
     stays: list[Array] = []
     for part in np.split(windows, edges):
@@ -273,7 +282,7 @@ def _stays(estimates: LongMotion, lvdt: Lvdt, samples: LongSamples, period_ns: i
         else:
             stays.append(part)
     if len(stays) < 2:
-        height = float(np.median(stays[0][:, 0])) if stays else lvdt.height
+        height = float(np.median(stays[0][:, 0])) if stays else reference.height
         begin_ns, end_ns = span_of(estimates)
         yield height, begin_ns, end_ns + 1
         return
@@ -282,7 +291,7 @@ def _stays(estimates: LongMotion, lvdt: Lvdt, samples: LongSamples, period_ns: i
 
 
 def _heights(
-    estimates: LongMotion, lvdt: Lvdt, samples: LongSamples, period_ns: int
+    estimates: LongMotion, reference: RadialReference, samples: LongSamples, period_ns: int
 ) -> Iterator[tuple[float, int, int]]:
     """Height that fits best in each window in which the rotor turns, with the window's begin and end."""
     begin_ns, end_ns = span_of(estimates)
@@ -297,11 +306,11 @@ def _heights(
         if good.sum() < 3:
             continue
         exc, eyc, eac, ebc = (motion.components[good, i] for i in (0, 1, 3, 4))
-        artefact = rotate(lvdt.artefact_eccentricity, motion.theta[good])
+        artefact = rotate(reference.artefact_eccentricity, motion.theta[good])
         measured = sampled.values[good] - artefact - np.stack([exc, eyc], axis=1)
         lever = np.stack([ebc, -eac], axis=1)
         centred = lever - lever.mean(axis=0)
         tilt = float((centred**2).sum())
-        deviation = lvdt.noise / np.sqrt(tilt) if tilt > 0 else np.inf
+        deviation = reference.noise / np.sqrt(tilt) if tilt > 0 else np.inf
         if deviation < MOVED / 4:  # else the window tells no height
             yield float((centred * measured).sum() / tilt), begin, begin + WINDOW_NS

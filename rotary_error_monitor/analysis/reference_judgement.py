@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.special import fdtri, ndtr, ndtri, stdtrit
 
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.metrology.lvdt_comparison import BOUND
+from rotary_error_monitor.metrology.radial_comparison import BOUND
 
 CHANCE = 0.01
 """Largest probability that a monitor and a reference are said to disagree that are as their descriptions say, over all

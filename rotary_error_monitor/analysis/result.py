@@ -14,6 +14,7 @@ from rotary_error_monitor.analysis.motion import SegmentFigures
 from rotary_error_monitor.analysis.positions import Positioning
 from rotary_error_monitor.analysis.verdict import Conformity, Judged
 from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.description.streams import OWN_REFERENCE
 from rotary_error_monitor.metrology.spindle_figures import COVERAGE, ErrorMotionValue
 
 
@@ -37,7 +38,7 @@ class AnalysisResult:
         segments: figures by direction and speed.
         drifts: by signal.
         positioning: of its stops.
-        stays: comparison with the LVDT at each height.
+        stays: comparison with the stage's own reference at each height.
         tool_offset: None without a machine.
         streams: health of each.
         fallen_out: instruments that were not used, and when.
@@ -107,7 +108,7 @@ def figures_of(analysis: AnalysisResult) -> Iterator[Figure]:
             for name in ("reversal_error", "repeatability", "systematic_deviation", "accuracy"):
                 yield Figure(f"positioning.{name}", "", getattr(found.bidirectional, name), None, "rad")
     for stay in analysis.stays:
-        place = f"lvdt_at_{stay.height * 1e3:.0f}mm"
+        place = f"{OWN_REFERENCE}_at_{stay.height * 1e3:.0f}mm"
         yield Figure(f"{place}.difference_rms", "", stay.comparison.rms, None, "m")
         yield Figure(f"{place}.difference_largest", "", stay.comparison.maximum, None, "m")
         yield Figure(f"{place}.inside_95_percent_bounds", "", stay.comparison.inside, None, "1")

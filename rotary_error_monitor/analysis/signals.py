@@ -140,10 +140,10 @@ class Signal(SignalName):
 
 
 def default_heights(stage: StageDescription) -> tuple[float, ...]:
-    """Heights above the ring at which somebody looks: the ring, the LVDT, and displacement probes, m, ascending."""
+    """Heights above the ring at which somebody looks: of ring, reference, and displacement probes, m, ascending."""
     probes = [sensor.place["height"] for sensor in stage.sensors.values() if "height" in sensor.place]
-    lvdt = [] if stage.lvdt is None else [stage.lvdt.height]
-    return tuple(sorted({0.0, *lvdt, *probes}))
+    own = [] if stage.reference is None else [stage.reference.height]
+    return tuple(sorted({0.0, *own, *probes}))
 
 
 def survey(estimates: LongEstimates, runs: Sequence[tuple[int, int]], stage: StageDescription) -> Survey:

@@ -23,7 +23,7 @@ from rotary_error_monitor.arrays import Array, Mask
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.error_motion import reading_variance, rotate
-from rotary_error_monitor.metrology.lvdt_comparison import BOUND, MAX_GAP_NS, LvdtComparison
+from rotary_error_monitor.metrology.radial_comparison import BOUND, MAX_GAP_NS, RadialComparison
 from rotary_error_monitor.metrology.reference_fit import ReferenceFit, fit_reference
 from rotary_error_monitor.metrology.spindle_figures import COVERAGE
 from rotary_error_monitor.metrology.turns import MOST_WAVES, SAMPLES_A_WAVE, TurnProfiles, cut_turns
@@ -91,6 +91,7 @@ def compare_reference(
     Raises:
         InputError: tilt or radial motion is not observable, nothing is common to both, or no whole turn is.
     """
+    reference = reference.within(stand.begin_ns, stand.end_ns)
     chosen = np.flatnonzero((estimates.stamp_ns >= stand.begin_ns) & (estimates.stamp_ns < stand.end_ns))
     period = int(np.diff(estimates.stamp_ns).min())
     where = f"{origin}: {reference.name} at {stand.height * 1e3:g} mm"
@@ -306,7 +307,7 @@ def _turning(
     variances = [each.at(rows) for each in pairs.variances]
     std = np.stack([each.std for each in variances], axis=1)
     estimate = pairs.estimate[rows]
-    samples = LvdtComparison(pairs.stamp_ns[rows], estimate, estimate + left, std)
+    samples = RadialComparison(pairs.stamp_ns[rows], estimate, estimate + left, std)
     bound = BOUND * np.sqrt((std**2).mean(axis=0))
     axes = [
         AxisFigures(

@@ -12,7 +12,7 @@ import numpy as np
 from rotary_error_monitor.analysis.reference_judgement import ReferenceJudgement
 from rotary_error_monitor.analysis.result import Figure
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.metrology.lvdt_comparison import LvdtComparison
+from rotary_error_monitor.metrology.radial_comparison import RadialComparison
 from rotary_error_monitor.metrology.spindle_figures import COVERAGE
 
 
@@ -59,7 +59,7 @@ class TurningComparison:
     turned: float
     whole: int
     zero: Array
-    samples: LvdtComparison
+    samples: RadialComparison
     theta: Array
     angles: Array
     profiles: Array
@@ -113,7 +113,7 @@ class ReferenceComparison:
 
     @property
     def place(self) -> str:
-        """Stable name, such as `lvdt_at_16mm`."""
+        """Stable name, such as `low_at_16mm`."""
         return f"{self.reference}_at_{self.height * 1e3:g}mm".replace("-", "minus_")
 
 

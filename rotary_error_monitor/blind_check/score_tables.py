@@ -10,6 +10,7 @@ import numpy as np
 
 from rotary_error_monitor.blind_check.reliability import SURE, Told, bins_of, calibration_error, error_by_chance
 from rotary_error_monitor.blind_check.scores import FINDABLE, OpenedCase
+from rotary_error_monitor.description.streams import REFERENCE_TITLE
 
 SIZES = (0.0, 3.0, 6.0, 8.0, 10.0, 20.0, 40.0, 80.0, 160.0, 1e9)
 
@@ -26,7 +27,7 @@ def format_scores(outcomes: Sequence[OpenedCase]) -> str:
             if own:
                 parts.append(f"== {family}, {'as on a shop floor' if rough else 'clean'}")
                 parts += [_by_group(own), _by_effect(own), _by_size(own), _by_departure(own)]
-                parts += [_by_lvdt(own), _elsewhere_table(own)] if family == "stage" else []
+                parts += [_by_reference(own), _elsewhere_table(own)] if family == "stage" else []
     parts += [_mimics(outcomes), _refusals(outcomes)]
     parts.append(format_calibration("named causes", [pair for o in outcomes for pair in o.probabilities]))
     parts.append(format_calibration("ranked candidates, 1 % and more", [pair for o in outcomes for pair in o.ranked]))
@@ -150,10 +151,10 @@ def _by_departure(outcomes: Sequence[OpenedCase]) -> str:
     )
 
 
-def _by_lvdt(outcomes: Sequence[OpenedCase]) -> str:
+def _by_reference(outcomes: Sequence[OpenedCase]) -> str:
     rows = []
-    for words, there in (("with the LVDT", True), ("without", False)):
-        group = [o for o in outcomes if o.lvdt is there and _findable(o) and not o.plan.left_out]
+    for words, there in ((f"with the {REFERENCE_TITLE}", True), ("without", False)):
+        group = [o for o in outcomes if o.referred is there and _findable(o) and not o.plan.left_out]
         if group:
             causes = [o.right for o in group if o.plan.kind != "null"]
             rows.append([words, _share(causes), _share([o.right for o in group if o.plan.kind == "null"])])

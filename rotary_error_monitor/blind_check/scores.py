@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rotary_error_monitor.blind_check.cases import CasePlan
+from rotary_error_monitor.description.streams import OWN_REFERENCE
 from rotary_error_monitor.description.topics import samples_topic
 
 Key = tuple[str, str]
@@ -40,7 +41,7 @@ class OpenedCase:
         alike: right, or what was at work stands in groups beside what is named instead.
         alarmed: a gap was seen.
         size: how far the smallest fault stands out of noise and of the twin's uncertainty, standard deviations.
-        lvdt: whether the LVDT was there; None for a machine.
+        referred: whether the stage's own reference was there; None for a machine.
         told: the departure of a variant is told; None where it does not stand out, or there is none.
         departure: share of a variant's cause that its best textbook form leaves; None if it is none.
         elsewhere: part of the gap that the causes take away at speeds that they were not sized at; None if not asked.
@@ -63,7 +64,7 @@ class OpenedCase:
     told: bool | None
     departure: float | None
     size: float
-    lvdt: bool | None
+    referred: bool | None
     elsewhere: float | None
     where_right: bool | None
     shrink: float
@@ -96,7 +97,7 @@ def score_case(plan: CasePlan, truth: Mapping[str, Any], diagnosis: Mapping[str,
         told=_told(truth, diagnosis),
         departure=truth.get("departure", {}).get("share"),
         size=min((float(size) for size in truth["sizes"]), default=0.0),
-        lvdt=None if plan.family == "machine" else any("/lvdt/" in channel for channel in snr),
+        referred=None if plan.family == "machine" else any(f"/{OWN_REFERENCE}/" in channel for channel in snr),
         elsewhere=_elsewhere(diagnosis.get("elsewhere")),
         where_right=_where_right(snr, diagnosis),
         shrink=float(diagnosis["gap"]["shrink"]),

@@ -14,7 +14,7 @@ from rotary_error_monitor.description.harmonics import AngularHarmonic, PlanarHa
 from rotary_error_monitor.description.spindle_section import Spindle
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.stage_section import Encoder, Mirror
-from rotary_error_monitor.description.two_axis_section import Autocollimator, Lvdt
+from rotary_error_monitor.description.two_axis_section import Autocollimator, RadialReference
 
 ARCSEC = np.pi / 180 / 3600
 DURATION = 40.0  # s, of a recording
@@ -141,7 +141,7 @@ def draw_stage(draw: np.random.Generator) -> StageDescription:
             tilt_compliance=5e-8,
             radial_thermal=_pair(draw, 3e-7),
         ),
-        lvdt=Lvdt(0.06, 5e-8, _pair(draw, 5e-6)),
+        lvdt=RadialReference(0.06, 5e-8, _pair(draw, 5e-6)),
     )
 
 

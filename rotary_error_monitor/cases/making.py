@@ -31,6 +31,7 @@ from rotary_error_monitor.cases.roughness import (
 )
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.streams import OWN_REFERENCE, TWO_AXIS
 from rotary_error_monitor.description.two_axis_section import Turbulence
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant.clocks import HEAD, STREAMS
@@ -134,7 +135,7 @@ def make_stage_case(
         effects: names of the faults, of a mimic those of which a half may be taken; None draws them.
         snr: each fault is made as large as a drawn number from this range (see `Truth.snr`, over all channels); None
             takes 60 to 600, and 300 to 3000 where the uncertain twin hides more.
-        rough: as on a shop floor: uncertain twin, spikes, lost blocks, turbulence, sometimes no LVDT or force.
+        rough: as on a shop floor: uncertain twin, spikes, lost blocks, turbulence, sometimes no reference or force.
         duration: s.
         motion: what the controller commands; None reverses and changes speed, in rough cases at random.
         loudness: range of how many times larger the first of a pair is than the second; None makes them alike.
@@ -160,7 +161,7 @@ def make_stage_case(
     if noise:
         plant = replace(plant, noise_forms=_noise_forms(plant, noise, draw, duration))
     blocks = {stream: _record(plant, stream, duration, rough, draw) for stream in plant.streams}
-    twin = twin if "lvdt" in plain.clocks else replace(twin, lvdt=None)
+    twin = twin if OWN_REFERENCE in plain.clocks else twin.with_reference(None)
     ratios = StageResponse(plain, duration).ratios(drawn.faults)
     truth = Truth("stage", kind, drawn.faults, ratios, drawn.departure, drawn.resemblance)
     return StageCase(twin, blocks, truth, plant)
@@ -178,9 +179,8 @@ def _plain_stage(
     """The stage of a case without its faults: as the twin says, but for the uncertainty of a shop floor's."""
     sensors = set(STREAMS)
     if rough:
-        sensors -= (
-            {"lvdt"} if draw.random() < 0.3 and not any(n.startswith(("lvdt", "probe")) for n in names) else set()
-        )
+        needed = any(name.startswith((OWN_REFERENCE, "probe")) for name in names)
+        sensors -= {OWN_REFERENCE} if draw.random() < 0.3 and not needed else set()
         sensors -= {"force"} if draw.random() < 0.25 and not FORCED & set(names) else set()
     true = vary_stage(twin, twin.uncertainty, draw) if rough else twin
     usual = random_motion(seed, duration, segments=max(4, round(duration / 7))) if rough else reversing_motion()
@@ -277,7 +277,7 @@ def _record(
     whole = plant.samples(stream, 0, count)
     times, names, values = whole.times_ns, whole.names[1:], whole.rows[:, 1:]
     blocks = [block_from_samples(times[i : i + BLOCK], names, values[i : i + BLOCK]) for i in starts]
-    if rough and stream in ("autocollimator", "lvdt"):
+    if rough and stream in TWO_AXIS:
         chance, size = Noise(plant.seed, f"spikes_{stream}"), noise_of(plant.stage, stream)
         blocks = [add_spikes(block, size, chance, first) for block, first in zip(blocks, starts, strict=True)]
     return lose_blocks(blocks, draw) if rough and stream not in STEADY else blocks

@@ -14,6 +14,7 @@ from rotary_error_monitor.cases.departures.departure import AnyFault, acting
 from rotary_error_monitor.cases.faults.instruments import HeadMissedCounts
 from rotary_error_monitor.cases.faults.named import Named
 from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.streams import OWN_REFERENCE
 from rotary_error_monitor.description.topics import samples_topic, topic_named
 from rotary_error_monitor.plant.clocks import fields_of
 from rotary_error_monitor.plant.machine import MachineFault, MachinePlant, MachineStates
@@ -70,7 +71,7 @@ class StageResponse(FaultResponse):
     scattered: bool = False
 
     def channels(self, faults: Sequence[AnyFault]) -> Mapping[str, Array]:
-        """Heads, autocollimator, LVDT and listed sensors, topic + `.` + field."""
+        """Heads, autocollimator, reference and listed sensors, topic + `.` + field."""
         parts = tuple(part for part in acting(faults) if isinstance(part, Fault))
         plant = replace(self.plain, faults=(*self.plain.faults, *parts))
         found: dict[str, Array] = {}
@@ -135,7 +136,7 @@ def times_of(plant: StagePlant, stream: str, duration: float) -> Array:
 
 def noise_of(stage: StageDescription, stream: str) -> float:
     """Standard deviation of noise and rounding of one sample of a stream."""
-    if stream == "lvdt":
-        return stage.lvdt.noise if stage.lvdt else np.inf
+    if stream == OWN_REFERENCE:
+        return stage.reference.noise if stage.reference else np.inf
     instrument = stage.tilt_instrument if stream == "autocollimator" else stage.sensors.get(stream) or stage.ring
     return float(np.hypot(instrument.noise, instrument.resolution / np.sqrt(12)))

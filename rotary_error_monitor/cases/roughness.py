@@ -13,6 +13,7 @@ from rotary_error_monitor.description.harmonics import PlanarHarmonic
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.description.machine_parts import ErrorComponent
 from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.streams import OWN_REFERENCE
 from rotary_error_monitor.plant.machine import MachineFault
 from rotary_error_monitor.plant.noise import Noise
 from rotary_error_monitor.signals.blocks import SampleBlock
@@ -29,8 +30,8 @@ STAGE_UNCERTAINTY: Mapping[str, float] = {
     "spindle.radial_compliance": 4e-10,
     "spindle.tilt_compliance": 1e-9,
     "spindle.radial_thermal": 3e-8,
-    "lvdt.height": 1e-4,
-    "lvdt.artefact_eccentricity": 5e-8,
+    f"{OWN_REFERENCE}.height": 1e-4,
+    f"{OWN_REFERENCE}.artefact_eccentricity": 5e-8,
 }
 """Standard uncertainty of the parameters of a stage after a usual calibration: m, rad, m/N, rad/N, m/K."""
 
@@ -48,7 +49,7 @@ MACHINE_UNCERTAINTY: Mapping[str, float] = {
 
 SPIKE_SHARE = 0.002
 SPIKE_SIZE = (15.0, 100.0)
-"""Share of the samples of autocollimator and LVDT that are spikes, and how many times the noise they are."""
+"""Share of the samples of autocollimator and reference that are spikes, and how many times the noise they are."""
 
 
 def vary_stage(
@@ -89,12 +90,12 @@ def vary_stage(
         tilt_compliance=off("spindle.tilt_compliance", stage.spindle.tilt_compliance),
         radial_thermal=pair("spindle.radial_thermal", stage.spindle.radial_thermal),
     )
-    lvdt = stage.lvdt and replace(
-        stage.lvdt,
-        height=off("lvdt.height", stage.lvdt.height),
-        artefact_eccentricity=pair("lvdt.artefact_eccentricity", stage.lvdt.artefact_eccentricity),
+    reference = stage.reference and replace(
+        stage.reference,
+        height=off(f"{OWN_REFERENCE}.height", stage.reference.height),
+        artefact_eccentricity=pair(f"{OWN_REFERENCE}.artefact_eccentricity", stage.reference.artefact_eccentricity),
     )
-    return replace(stage, encoder=encoder, mirror=mirror, spindle=spindle, lvdt=lvdt)
+    return replace(stage.with_reference(reference), encoder=encoder, mirror=mirror, spindle=spindle)
 
 
 def vary_machine(

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 from rotary_error_monitor.commissioning.stage_file import check_commissionable
 from rotary_error_monitor.commissioning.travel import ENOUGH, TravelWatch, TurnedTravel
 from rotary_error_monitor.description.stage import StageDescription, load_stage
+from rotary_error_monitor.description.streams import TWO_AXIS
 from rotary_error_monitor.errors import InputError, one_line
 
 if TYPE_CHECKING:
@@ -89,7 +90,8 @@ def _look(cell: LiveCell, stage: StageDescription, patience: float) -> Iterator[
         InputError: a head does not come.
     """
     heads = [f"head_{letter}" for letter in stage.azimuths]
-    expected = [name for name in cell.raw if name not in _OPTIONAL and _is_described(name, stage)]
+    absent = {*_OPTIONAL, *TWO_AXIS} - set(stage.two_axis)
+    expected = [name for name in cell.raw if name not in absent]
     cell.spin(patience, lambda: all(cell.counts()[name] for name in expected))
     before, begun = cell.counts(), time.monotonic()
     cell.spin(_MEASURED)
@@ -107,11 +109,6 @@ def _look(cell: LiveCell, stage: StageDescription, patience: float) -> Iterator[
             f"no samples on {', '.join(lacking)} within {patience:g} s; see above who publishes what, and put it right"
         )
     yield from map(one_line, lines)
-
-
-def _is_described(stream: str, stage: StageDescription) -> bool:
-    """Whether a stage has what gives a stream; the command is every stage's."""
-    return stream not in ("autocollimator", "lvdt") or getattr(stage, stream) is not None
 
 
 def _told(found: Presence) -> Iterator[str]:

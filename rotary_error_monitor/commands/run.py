@@ -10,6 +10,7 @@ from pathlib import Path
 from rotary_error_monitor.dashboard.board import PORT
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.description.stage import load_stage
+from rotary_error_monitor.description.streams import REFERENCE_TITLE, TWO_AXIS
 from rotary_error_monitor.errors import InputError
 
 OUT_OF_BOUNDS = 1
@@ -43,14 +44,16 @@ def run(arguments: argparse.Namespace) -> int:
     from rotary_error_monitor.mock_cell.run import MockCell, record
 
     if not arguments.duration >= SHORTEST:
-        raise InputError(f"--duration is {arguments.duration} s; {SHORTEST} s are needed for three heights of the LVDT")
+        raise InputError(
+            f"--duration is {arguments.duration} s; {SHORTEST} s are needed for three heights of the {REFERENCE_TITLE}"
+        )
     folder = arguments.folder or Path("runs") / datetime.now(UTC).strftime("%Y%m%d_%H%M%S")
     if arguments.dashboard is not None and not 1024 <= arguments.dashboard <= 65535:
         raise InputError(f"--dashboard is {arguments.dashboard}; expected a port from 1024 to 65535")
     if folder.exists():
         raise InputError(f"--folder {folder} exists already; give a new one, a recording is never overwritten")
     stage, machine = load_stage(arguments.stage), load_machine(arguments.machine)
-    for section in ("encoder", "autocollimator", "lvdt"):
+    for section in ("encoder", *TWO_AXIS):
         if getattr(stage, section) is None:
             raise InputError(f"{arguments.stage}: the stage has no section '{section}', which this run shows")
     if machine.monitored is None:

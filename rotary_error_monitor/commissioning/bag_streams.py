@@ -10,7 +10,7 @@ from rotary_error_monitor.bags.naming import THE_ONLY_CELL, Naming
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.commissioning.streams import CommissioningRecording, RawStream, join_blocks
 from rotary_error_monitor.description.stage import StageDescription
-from rotary_error_monitor.description.streams import AUTOCOLLIMATOR, COMMAND, FORCE, LVDT
+from rotary_error_monitor.description.streams import COMMAND, FORCE
 from rotary_error_monitor.description.wire import wire_of
 from rotary_error_monitor.metrology.forces import joined_force, load_cell
 
@@ -24,11 +24,7 @@ def read_streams(path: Path | str, stage: StageDescription, naming: Naming = THE
     wire = wire_of(stage)
     reader = BagReader(path, naming)
     heads = [f"head_{letter}" for letter in stage.azimuths]
-    described = [
-        *([AUTOCOLLIMATOR] if stage.autocollimator is not None else []),
-        *([LVDT] if stage.lvdt is not None else []),
-        *stage.listed,
-    ]
+    described = [*stage.two_axis, *stage.listed]
     topics = {name: wire.of_stream(name) for name in (*heads, *described, COMMAND, FORCE)}
     reader.check_topics(topics[name].name for name in heads)
     there = [name for name, topic in topics.items() if topic.name in reader.topics and reader.topics[topic.name].count]

@@ -13,7 +13,7 @@ from rotary_error_monitor.commissioning.layouts import Layout, Weighed
 from rotary_error_monitor.commissioning.streams import CommissioningRecording, StreamFigures
 from rotary_error_monitor.commissioning.units import RADIAN, AngleUnit
 from rotary_error_monitor.description.stage import StageDescription
-from rotary_error_monitor.description.streams import COMMAND
+from rotary_error_monitor.description.streams import COMMAND, OWN_REFERENCE, REFERENCE_TITLE
 from rotary_error_monitor.metrology.distributions import chi_square_tail
 from rotary_error_monitor.units import ANGLE_UNITS
 
@@ -107,7 +107,8 @@ def findings_of(
 def spoken(stream: str) -> str:
     """A stream's name as one says it."""
     kind, _, letter = stream.partition("_")
-    return f"head {letter}" if kind == "head" else "LVDT" if stream == "lvdt" else stream.replace("_", " ")
+    title = REFERENCE_TITLE if stream == OWN_REFERENCE else stream.replace("_", " ")
+    return f"head {letter}" if kind == "head" else title
 
 
 def listed(names: Sequence[str]) -> str:

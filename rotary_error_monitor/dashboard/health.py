@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
 
+from rotary_error_monitor.description.streams import OWN_REFERENCE
 from rotary_error_monitor.description.wire import Topic
 from rotary_error_monitor.errors import excerpt
 
@@ -32,7 +33,7 @@ _CHAIN = (
 """Executables without which nothing is measured or corrected, in the way of a sample: a cause stands before what
 follows from it."""
 
-_BESIDE = ("lvdt", "stage_force", "stage_temperature", "recorder", "gap_monitor")
+_BESIDE = (OWN_REFERENCE, "stage_force", "stage_temperature", "recorder", "gap_monitor")
 """Those that the measurement goes on without."""
 
 _SHOWN = {"encoder_head": "head", "listed_sensor": "sensor", "error_estimator": "estimator"}

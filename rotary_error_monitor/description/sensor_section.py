@@ -18,6 +18,7 @@ from rotary_error_monitor.description.expected import Expected
 from rotary_error_monitor.description.harmonics import Waves
 from rotary_error_monitor.description.quantities import Latency, Noise, Range, Reading, Resolution, Short
 from rotary_error_monitor.description.sections import Place, Section, WrongError
+from rotary_error_monitor.description.streams import AUTOCOLLIMATOR, COMMAND, OWN_REFERENCE, TWO_AXIS
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plugins import classes_in, modules_in, plugged_classes
 
@@ -25,12 +26,7 @@ ENTRY_POINTS = "rotary_error_monitor.sensor_sections"
 """Group of the sections of kinds of sensors of other packages: the name of an entry point is that of the kind."""
 
 READ_HEAD = "read_head"
-OWN_KINDS = {
-    READ_HEAD: ("encoder", "heads"),
-    "autocollimator": ("autocollimator",),
-    "lvdt": ("lvdt",),
-    "command": ("command",),
-}
+OWN_KINDS = {READ_HEAD: ("encoder", "heads"), **{name: (name,) for name in (*TWO_AXIS, COMMAND)}}
 """Section of a stage's file for kinds that a file may list as well; heads stand there by their names."""
 
 _OWN_STREAMS = ("head", *OWN_KINDS, "temperature", "error_motion")
@@ -39,7 +35,7 @@ _OWN_STREAMS = ("head", *OWN_KINDS, "temperature", "error_motion")
 POSE_UNITS = ("m", "rad")
 """Units of what shows how the rotor stands."""
 
-_OWN_UNITS = {READ_HEAD: "rad", "autocollimator": "rad", "lvdt": "m", "command": "rad"}
+_OWN_UNITS = {READ_HEAD: "rad", AUTOCOLLIMATOR: "rad", OWN_REFERENCE: "m", COMMAND: "rad"}
 
 _PROBE = "axial_probe"
 """Kind whose samples are like those of any displacement probe."""
@@ -49,7 +45,7 @@ PLACE_TEMPERATURE = "temperature of a place"
 
 PROBE_WIDTH = 3e-3
 """Width, m, below which hardly a displacement probe has its body: the smallest capacitive and eddy current probes.
-LVDTs and most others are 8 mm and more, but a file does not say of which make its probes are."""
+Inductive ones and most others are 8 mm and more, but a file does not say of which make its probes are."""
 
 LARGEST_ARTEFACT = 1.0
 """Radius, m, that no artefact exceeds before which radial probes stand: a file does not state its own."""

@@ -32,6 +32,7 @@ from rotary_error_monitor.description.stage_section import (
     angle_rows,
     command_rows,
 )
+from rotary_error_monitor.description.streams import AUTOCOLLIMATOR, OWN_REFERENCE, TWO_AXIS
 from rotary_error_monitor.description.table_files import with_tables
 from rotary_error_monitor.description.targets import before_targets, shared_targets
 from rotary_error_monitor.description.two_axis_section import (
@@ -39,8 +40,8 @@ from rotary_error_monitor.description.two_axis_section import (
     RESPONSES,
     Autocollimator,
     AutocollimatorSection,
-    Lvdt,
-    LvdtSection,
+    RadialReference,
+    RadialReferenceSection,
     two_axis_rows,
 )
 from rotary_error_monitor.description.yaml_files import read_yaml
@@ -70,7 +71,7 @@ class StageDescription:
     Attributes:
         encoder: that measures the rotation; a stage without one turns as commanded, as far as is known.
         autocollimator: that measures the tilt; a stage without one has tilt error motion as described.
-        lvdt: that measures the radial error motion at a height, to compare with.
+        lvdt: that measures the radial error motion at a height, to compare with: the stage's own reference.
         sensors: further ones that show how the rotor stands, by the name of their stream, such as `axial_probe_top`.
         stated_limits: limits by name, as in the file; empty where it states none.
         uncertainty: standard uncertainty of parameters by dotted name, as in the file or its calibration, such as
@@ -86,7 +87,7 @@ class StageDescription:
     autocollimator: Autocollimator | None = None
     mirror: Mirror = field(default_factory=Mirror)
     spindle: Spindle = field(default_factory=Spindle)
-    lvdt: Lvdt | None = None
+    lvdt: RadialReference | None = None
     sensors: Mapping[str, ListedSensor] = field(default_factory=dict)
     reference_temperature: float = REFERENCE_TEMPERATURE
     stated_limits: Mapping[str, float] = field(default_factory=dict)
@@ -149,6 +150,21 @@ class StageDescription:
             raise InputError("the stage has no section 'autocollimator'")
         return self.autocollimator
 
+    @property
+    def two_axis(self) -> Mapping[str, Autocollimator | RadialReference]:
+        """Instruments of two axes with a section of their own, by their streams."""
+        both = {AUTOCOLLIMATOR: self.autocollimator, OWN_REFERENCE: self.lvdt}
+        return {stream: instrument for stream, instrument in both.items() if instrument is not None}
+
+    @property
+    def reference(self) -> RadialReference | None:
+        """What the radial error motion is compared with, of what has a section of its own."""
+        return self.lvdt
+
+    def with_reference(self, reference: RadialReference | None) -> StageDescription:
+        """The stage with another reference of its own, or without one."""
+        return replace(self, lvdt=reference)
+
     def response(self, stream: str) -> Response:
         """Response of the instrument behind a stream."""
         return self.responses.get(stream, IDEAL)
@@ -189,14 +205,15 @@ def stage_mapping(stage: StageDescription) -> dict[str, Any]:
     """Content of a `stage` section: what `load_stage` reads the same stage from."""
     ring, collimator, lvdt = stage.encoder, stage.autocollimator, stage.lvdt
     targets = shared_targets(stage.sensors.values())
+    rows = {stream: two_axis_rows(stage.response(stream)) for stream in TWO_AXIS}
     section = StageSection(
         encoder=None if ring is None else extended(EncoderSection, ring, heads=_heads(stage)),
         mirror=stage.mirror,
         autocollimator=None
         if collimator is None
-        else extended(AutocollimatorSection, collimator, **two_axis_rows(stage.response("autocollimator"))),
+        else extended(AutocollimatorSection, collimator, **rows[AUTOCOLLIMATOR]),
         spindle=stage.spindle,
-        lvdt=None if lvdt is None else extended(LvdtSection, lvdt, **two_axis_rows(stage.response("lvdt"))),
+        lvdt=None if lvdt is None else extended(RadialReferenceSection, lvdt, **rows[OWN_REFERENCE]),
         sensors=sensors_section(stage.listed, {name: stage.response(name).latency for name in stage.listed}, targets),
         targets=targets,
         environment=Environment(stage.reference_temperature, stage.force or None),
@@ -224,7 +241,7 @@ def _description(section: StageSection) -> StageDescription:
         autocollimator=None if collimator is None else narrowed(Autocollimator, collimator),
         mirror=section.mirror,
         spindle=section.spindle,
-        lvdt=None if lvdt is None else narrowed(Lvdt, lvdt),
+        lvdt=None if lvdt is None else narrowed(RadialReference, lvdt),
         sensors={stream: sensor for stream, sensor in listed.items() if not sensor.is_input},
         reference_temperature=REFERENCE_TEMPERATURE if place is None else place.reference_temperature,
         stated_limits=section.limits,
@@ -242,8 +259,8 @@ def _responses(section: StageSection) -> dict[str, Response]:
     """
     heads = {} if section.encoder is None else section.encoder.heads
     found = {f"head_{letter}": head.response for letter, head in heads.items()}
-    two_axes = {"autocollimator": section.autocollimator, "lvdt": section.lvdt}
-    found |= {name: each.response for name, each in two_axes.items() if each is not None}
+    two_axes = zip(TWO_AXIS, (section.autocollimator, section.lvdt), strict=True)
+    found |= {name: each.response for name, each in two_axes if each is not None}
     found["command"] = section.command.response
     for name, sensor in section.sensors.items():
         found[stream_of_sensor(name, sensor.kind)] = Response(latency=sensor.latency or 0.0)

@@ -1,4 +1,4 @@
-"""What the section `stage` of a file states: ring, mirror, autocollimator, spindle, LVDT, further sensors, limits.
+"""What the section `stage` of a file states: ring, mirror, autocollimator, spindle, reference, further sensors, limits.
 
 Where a file has it otherwise than `StageDescription`, the part for a file is derived from that in the description and
 ends in `Section`.
@@ -46,8 +46,8 @@ from rotary_error_monitor.description.two_axis_section import (
     RESPONSES,
     Autocollimator,
     AutocollimatorSection,
-    Lvdt,
-    LvdtSection,
+    RadialReference,
+    RadialReferenceSection,
     folded,
 )
 
@@ -196,7 +196,7 @@ def own_places(listed: object) -> dict[Place, Place]:
     """Where a file's list `sensors` has what has a section of its own, by the place in that section.
 
     Raises:
-        WrongError: the list has more than one autocollimator, LVDT or command.
+        WrongError: the list has more than one autocollimator, reference or command.
     """
     found: dict[Place, Place] = {}
     for name, row in listed.items() if isinstance(listed, Mapping) else ():
@@ -212,11 +212,11 @@ def own_places(listed: object) -> dict[Place, Place]:
     return found
 
 
-_OWN_SECTIONS = dict(zip(OWN_KINDS, (Head, AutocollimatorSection, LvdtSection, CommandSection), strict=True))
+_OWN_SECTIONS = dict(zip(OWN_KINDS, (Head, AutocollimatorSection, RadialReferenceSection, CommandSection), strict=True))
 
 
 def _own_row(row: Mapping[str, Any], place: Place) -> dict[str, Any]:
-    """What a file lists of a head, autocollimator, LVDT or command at a place, as the section of its own has it.
+    """What a file lists of a head, autocollimator, reference or command at a place, as the section of its own has it.
 
     Raises:
         WrongError: its unit is another one, or it states what that section does not have.
@@ -238,7 +238,7 @@ class StageSection(Section):
     mirror: Mirror = field(default_factory=Mirror)
     autocollimator: AutocollimatorSection | None = None
     spindle: Spindle = field(default_factory=Spindle)
-    lvdt: LvdtSection | None = None
+    lvdt: RadialReferenceSection | None = None
     sensors: Annotated[
         Mapping[Short, SensorSection],
         Expected("further sensors by name: {kind, noise, resolution, range, uncertainty, …}", count=(0, 40)),
@@ -271,7 +271,7 @@ class StageSection(Section):
 
     @classmethod
     def arranged(cls, content: Mapping[str, Any]) -> tuple[Mapping[str, Any], Mapping[Place, Place]]:
-        """Heads, autocollimator, LVDT and command in sections of their own, also those that the file lists."""
+        """Heads, autocollimator, reference and command in sections of their own, also those that the file lists."""
         moved = own_places(content.get("sensors"))
         if not moved:
             return content, moved
@@ -319,7 +319,7 @@ PARAMETERS: Mapping[str, tuple[str, ...]] = {
     "mirror": _names(Mirror, without=("flatness_table",)),
     "autocollimator": _names(Autocollimator, *RESPONSES, *DISTORTIONS, "timing", without=("turbulence",)),
     "spindle": _names(Spindle),
-    "lvdt": _names(Lvdt, *RESPONSES),
+    "lvdt": _names(RadialReference, *RESPONSES),
     "command": ("timing",),
     "environment": ("thermometer", "thermometer_timing", "load_cell", "load_cell_gain", "load_cell_timing"),
 }

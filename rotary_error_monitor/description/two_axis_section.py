@@ -1,4 +1,4 @@
-"""Autocollimator and LVDT in a stage file: instruments of two axes, and how they answer."""
+"""Autocollimator and reference in a stage file: instruments of two axes, and how they answer."""
 
 from __future__ import annotations
 
@@ -55,8 +55,8 @@ class Autocollimator:
 
 
 @dataclass(frozen=True)
-class Lvdt:
-    """Two-axis LVDT on an artefact: height above the ring, noise, eccentricity of the artefact on the rotor."""
+class RadialReference:
+    """Displacement sensor of two axes: height above the ring, noise, eccentricity of its artefact on the rotor."""
 
     height: Annotated[Height, Expected("height of the artefact above the ring in m")]
     noise: Annotated[Noise, Expected("standard deviation of one reading in m")]
@@ -100,8 +100,8 @@ class AutocollimatorSection(TwoAxisSection, Autocollimator):
 
 
 @dataclass(frozen=True, kw_only=True)
-class LvdtSection(TwoAxisSection, Lvdt):
-    """The LVDT and how it answers."""
+class RadialReferenceSection(TwoAxisSection, RadialReference):
+    """The reference and how it answers."""
 
     zero: Annotated[
         tuple[Reading, Reading] | None, Expected("reading [x, y] of a perfect axis in m, each at most 100 mm")

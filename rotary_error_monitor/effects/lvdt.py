@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from rotary_error_monitor.description.stage import StageDescription
-from rotary_error_monitor.description.streams import LVDT
+from rotary_error_monitor.description.streams import OWN_REFERENCE
 from rotary_error_monitor.effects.effect import Parameter, Values
 from rotary_error_monitor.effects.rotor import ComponentGain, StageEffect
 
@@ -17,7 +17,7 @@ class LvdtGain(ComponentGain):
     title = "LVDT's scale"
     remedy = "Calibrate the LVDT against gauge blocks or a micrometer and state its gain."
     source = "calibration of an LVDT's scale factor"
-    acts_on = (LVDT,)
+    acts_on = (OWN_REFERENCE,)
 
 
 class LvdtArtefact(StageEffect):
@@ -28,15 +28,15 @@ class LvdtArtefact(StageEffect):
     remedy = "Centre the artefact, or state lvdt.artefact_eccentricity."
     source = "ISO 230-7, Annex (artefact eccentricity)"
     parameters = (Parameter("shift", "m", 1e-6, 2, bound=1e-3),)
-    acts_on = (LVDT,)
+    acts_on = (OWN_REFERENCE,)
 
     def amend(self, stage: StageDescription, values: Values, location: str) -> StageDescription:
         """Add the shift to the artefact's eccentricity."""
-        if stage.lvdt is None:
+        if stage.reference is None:
             return stage
-        x, y = stage.lvdt.artefact_eccentricity
+        x, y = stage.reference.artefact_eccentricity
         shifted = (x + float(values[0]), y + float(values[1]))
-        return replace(stage, lvdt=replace(stage.lvdt, artefact_eccentricity=shifted))
+        return stage.with_reference(replace(stage.reference, artefact_eccentricity=shifted))
 
 
 class LvdtHeight(StageEffect):
@@ -48,10 +48,10 @@ class LvdtHeight(StageEffect):
     source = "Lou et al. 2019, Equation 7 (radial error motion at a height)"
     parameters = (Parameter("offset", "m", 1e-3, bound=1.0),)
     rescales = True
-    acts_on = (LVDT,)
+    acts_on = (OWN_REFERENCE,)
 
     def amend(self, stage: StageDescription, values: Values, location: str) -> StageDescription:
         """Add to the height."""
-        if stage.lvdt is None:
+        if stage.reference is None:
             return stage
-        return replace(stage, lvdt=replace(stage.lvdt, height=stage.lvdt.height + float(values[0])))
+        return stage.with_reference(replace(stage.reference, height=stage.reference.height + float(values[0])))

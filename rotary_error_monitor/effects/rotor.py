@@ -12,14 +12,17 @@ from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.harmonics import PlanarHarmonic
 from rotary_error_monitor.description.listed_sensors import ListedSensor
 from rotary_error_monitor.description.stage import StageDescription
-from rotary_error_monitor.description.streams import AUTOCOLLIMATOR, COMMAND, LVDT
+from rotary_error_monitor.description.streams import COMMAND, OWN_REFERENCE, TWO_AXIS
 from rotary_error_monitor.effects.effect import Effect, Parameter, Searched, Values
 
 HEAD = "head"
 LISTED = "listed"
 """Stands for every sensor that a stage lists by name, of whatever kind."""
 
-_BY_SECTION = (HEAD, AUTOCOLLIMATOR, LVDT, COMMAND)
+DISPLACEMENT = (OWN_REFERENCE, LISTED)
+"""What shows a displacement of the rotor at a height, or may show it."""
+
+_BY_SECTION = (HEAD, *TWO_AXIS, COMMAND)
 """What has a section of its own in a stage's description: all else is listed."""
 
 AT_REST = 1e-9
@@ -193,8 +196,8 @@ class StageEffect(Effect[StageDescription]):
             that the stage lists are such a place, and hooks get a state with the `warming` of that one.
     """
 
-    acts_on: ClassVar[tuple[str, ...]] = (HEAD, AUTOCOLLIMATOR, LVDT, LISTED)
-    stands_out_in: ClassVar[tuple[str, ...]] = (HEAD, COMMAND, AUTOCOLLIMATOR, LVDT, LISTED)
+    acts_on: ClassVar[tuple[str, ...]] = (HEAD, *TWO_AXIS, LISTED)
+    stands_out_in: ClassVar[tuple[str, ...]] = (HEAD, COMMAND, *TWO_AXIS, LISTED)
     rescales: ClassVar[bool] = False
     displaces_instrument: ClassVar[bool] = False
     listed_unit: ClassVar[str] = ""
@@ -222,7 +225,7 @@ class StageEffect(Effect[StageDescription]):
         return own.delay is not StageEffect.delay or own.rotation is not StageEffect.rotation
 
     def touches(self, location: str, stream: str) -> bool:
-        """Whether the effect there can move the prediction of that stream (`head_a`, …, `autocollimator`, `lvdt`)."""
+        """Whether the effect there can move the prediction of that stream (`head_a`, …, `autocollimator`)."""
         if location.startswith(f"{HEAD}_"):
             return stream == location
         return is_among(stream.rpartition("_")[0] or stream, self.acts_on)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.harmonics import AngularHarmonic
 from rotary_error_monitor.description.stage import StageDescription
-from rotary_error_monitor.description.streams import AUTOCOLLIMATOR, LVDT
+from rotary_error_monitor.description.streams import AUTOCOLLIMATOR
 from rotary_error_monitor.effects.autocollimator import planar_row
 from rotary_error_monitor.effects.effect import (
     Parameter,
@@ -25,7 +25,7 @@ from rotary_error_monitor.effects.effect import (
     planar_wave_of_order,
     wave_of_order,
 )
-from rotary_error_monitor.effects.rotor import HEAD, LISTED, RotorState, StageEffect
+from rotary_error_monitor.effects.rotor import DISPLACEMENT, HEAD, LISTED, RotorState, StageEffect
 
 
 class SpindleRadial(StageEffect):
@@ -36,8 +36,8 @@ class SpindleRadial(StageEffect):
     remedy = "State the order among spindle.radial, or look for the bearing's form error of that many lobes."
     source = "ISO 230-7, synchronous radial error motion"
     parameters = planar_wave_of_order("m", 1e-6, bound=1e-3)
-    stands_out_in = (HEAD, LVDT, LISTED)
-    acts_on = (HEAD, LVDT, LISTED)
+    stands_out_in = (HEAD, *DISPLACEMENT)
+    acts_on = (HEAD, *DISPLACEMENT)
     orders = 100
     falling = True
     lowest = 2
@@ -55,8 +55,8 @@ class SpindleTilt(StageEffect):
     remedy = "State the order among spindle.tilt, or look for a form error of the thrust bearing."
     source = "ISO 230-7, synchronous tilt error motion"
     parameters = planar_wave_of_order("rad", 3e-6, bound=1e-2)
-    stands_out_in = (AUTOCOLLIMATOR, LVDT, LISTED)
-    acts_on = (AUTOCOLLIMATOR, LVDT, LISTED)
+    stands_out_in = (AUTOCOLLIMATOR, *DISPLACEMENT)
+    acts_on = (AUTOCOLLIMATOR, *DISPLACEMENT)
     orders = 100
     falling = True
     lowest = 2
@@ -186,7 +186,7 @@ class ThermalDrift(StageEffect):
     remedy = "Wait until the stage is warm, cool it, or state spindle.radial_thermal so that it is corrected."
     source = "ISO 230-3, drift of the axis average line"
     parameters = (Parameter("radial", "m/K", 5e-7, 2, bound=1e-4),)
-    acts_on = (HEAD, LVDT, LISTED)
+    acts_on = (HEAD, *DISPLACEMENT)
     warms = True
 
     def amend(self, stage: StageDescription, values: Values, location: str) -> StageDescription:
@@ -226,7 +226,7 @@ class RadialHysteresis(StageEffect):
     remedy = "Look for a loose bearing seat, coupling or seal that drags the rotor sideways; preload the bearing."
     source = "ISO 230-1, 3.4.16 ff. (reversal)"
     parameters = (Parameter("radial", "m", 1e-6, 2, bound=1e-3),)
-    acts_on = (HEAD, LVDT, LISTED)
+    acts_on = (HEAD, *DISPLACEMENT)
 
     def radial(self, values: Values, state: RotorState) -> Array:
         """Half of it in the direction of rotation."""
@@ -241,7 +241,7 @@ class Unbalance(StageEffect):
     remedy = "Balance the rotor with what it carries."
     source = "ISO 21940-11 (centrifugal force) on a compliant bearing"
     parameters = (Parameter("radial", "m s^2/rad^2", 3e-8, 2, bound=1e-5),)
-    acts_on = (HEAD, LVDT, LISTED)
+    acts_on = (HEAD, *DISPLACEMENT)
 
     def radial(self, values: Values, state: RotorState) -> Array:
         """Speed squared times the vector on the rotor."""

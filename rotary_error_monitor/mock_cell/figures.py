@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from rotary_error_monitor.codec.contents import JointState
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.streams import OWN_REFERENCE, REFERENCE_TITLE
 from rotary_error_monitor.description.wire import Topic, Wire, wire_of
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.metrology.lvdt_comparison import LvdtComparison, compare_with_lvdt
+from rotary_error_monitor.metrology.radial_comparison import RadialComparison, compare_radial
 from rotary_error_monitor.mock_cell.recorded import RecordedTopics
 from rotary_error_monitor.mock_cell.run import FORCE_CYCLE, SPEEDS, MockCell, RunOutcome, seconds
 from rotary_error_monitor.pipeline.corrections import OFFSET
@@ -26,10 +27,10 @@ from rotary_error_monitor.sources.mock import MockSettings, mock_stage
 from rotary_error_monitor.sources.mock_machine import MachineMotion
 
 SETTLING_NS = 500_000_000
-"""Left out after the start and after each setting of the LVDT: processes find one another, the probe comes to rest."""
+"""Left out after the start and each setting of the reference: processes find one another, the probe comes to rest."""
 
 _LARGEST = 5e-7
-"""Difference of estimate and LVDT that no single pair of them shall exceed, m: ten times the LVDT's noise."""
+"""Difference of estimate and reference that no single pair of them shall exceed, m: ten times its noise."""
 
 
 _CORRECTIONS = "axis_corrections"
@@ -83,13 +84,13 @@ class CellResult:
 
     Attributes:
         rows: figures with their bounds.
-        comparisons: with the LVDT, by its height (m).
+        comparisons: with the reference, by its height (m).
         offsets: of the tool.
         force: (k, 3) time after the mock stage's start (s) and external force x, y (N).
     """
 
     rows: list[BoundedFigure]
-    comparisons: dict[float, LvdtComparison]
+    comparisons: dict[float, RadialComparison]
     offsets: TrueOffsets
     force: NDArray[np.float64]
 
@@ -111,7 +112,7 @@ def figures(cell: MockCell, recording: RunOutcome, stage: StageDescription, mach
     )
     replayed = replay_bag(recording.bag, stage, machine)
     plant = mock_stage(stage, MockSettings(cell.seed, recording.epoch_ns, SPEEDS, True, cell.rate, FORCE_CYCLE))
-    comparisons = dict(lvdt_comparisons(recording, recorded, wire, stage, replayed))
+    comparisons = dict(reference_comparisons(recording, recorded, wire, stage, replayed))
     offsets = true_offsets(recording, recorded, wire, machine, plant)
     rows = [
         *_accuracy(comparisons, recording, recorded, wire),
@@ -125,29 +126,29 @@ def figures(cell: MockCell, recording: RunOutcome, stage: StageDescription, mach
     return CellResult(rows, comparisons, offsets, np.column_stack([seconds(times, recording.epoch_ns), force]))
 
 
-def lvdt_comparisons(
+def reference_comparisons(
     recording: RunOutcome, recorded: RecordedTopics, wire: Wire, stage: StageDescription, replayed: Replay
-) -> Iterator[tuple[float, LvdtComparison]]:
-    """Comparison with the LVDT at each height at which it stood.
+) -> Iterator[tuple[float, RadialComparison]]:
+    """Comparison with the reference at each height at which it stood.
 
     Raises:
-        InputError: the stage has no LVDT, or the bag lacks its samples.
+        InputError: the stage has no reference of its own, or the bag lacks its samples.
     """
-    if stage.lvdt is None:
-        raise InputError("the stage has no section 'lvdt'")
-    times, radial = recorded.samples(wire.topic("lvdt_samples"), response=stage.responses.get("lvdt"))
+    if stage.reference is None:
+        raise InputError(f"the stage has no section '{OWN_REFERENCE}'")
+    times, radial = recorded.samples(wire.of_stream(OWN_REFERENCE), response=stage.responses.get(OWN_REFERENCE))
     period = int(np.diff(replayed.stamp_ns).min())
     motion = replayed.motion
     for height, begin_ns, end_ns in recording.heights:
         there = (times >= begin_ns + SETTLING_NS) & (times < end_ns)
         when = (replayed.stamp_ns >= begin_ns + SETTLING_NS) & (replayed.stamp_ns < end_ns)
         part = motion.at(when)
-        lvdt = replace(stage.lvdt, height=height)
-        yield height, compare_with_lvdt(replayed.stamp_ns[when], part, lvdt, times[there], radial[there], period)
+        set_so = replace(stage.reference, height=height)
+        yield height, compare_radial(replayed.stamp_ns[when], part, set_so, times[there], radial[there], period)
 
 
 def _accuracy(
-    comparisons: dict[float, LvdtComparison], recording: RunOutcome, recorded: RecordedTopics, wire: Wire
+    comparisons: dict[float, RadialComparison], recording: RunOutcome, recorded: RecordedTopics, wire: Wire
 ) -> Iterator[BoundedFigure]:
     times, force = recorded.samples(wire.topic("force_samples"))
     for (height, found), (_, begin_ns, end_ns) in zip(comparisons.items(), recording.heights, strict=True):
@@ -157,24 +158,25 @@ def _accuracy(
             f"{name}: external force on the shaft, N", float(np.linalg.norm(force[there], axis=1).max()), digits=0
         )
         yield BoundedFigure(f"{name}: peak to peak, µm", float(np.ptp(found.reference, axis=0).max()) * 1e6)
-        yield BoundedFigure(f"{name}: RMS against LVDT, µm", found.rms * 1e6, 0.10)
+        yield BoundedFigure(f"{name}: RMS against {REFERENCE_TITLE}, µm", found.rms * 1e6, 0.10)
         yield _maximum(name, found, recording.epoch_ns)
         yield BoundedFigure(f"{name}: outside their 95 % bounds, %", 100 * (1 - found.inside), 7.0, 1)
 
 
-def _maximum(name: str, found: LvdtComparison, epoch_ns: int) -> BoundedFigure:
+def _maximum(name: str, found: RadialComparison, epoch_ns: int) -> BoundedFigure:
     """The largest difference, when it was, and what stood beside it."""
     differences = np.abs(found.estimate - found.reference)
     tick, axis = divmod(int(np.argmax(differences)), differences.shape[1])
     beside = slice(max(0, tick - 2), tick + 3)
-    estimate, lvdt = (np.round(values[beside, axis] * 1e6, 3) for values in (found.estimate, found.reference))
+    estimate, reference = (np.round(values[beside, axis] * 1e6, 3) for values in (found.estimate, found.reference))
     std = found.std[tick, axis] * 1e6
     place = (
         f"{seconds(found.stamp_ns[tick], epoch_ns):.3f} s after the start, stamp {found.stamp_ns[tick]}, along "
-        f"{'xy'[axis]}: estimate {estimate} µm, LVDT {lvdt} µm, standard deviation {std:.3f} µm; "
+        f"{'xy'[axis]}: estimate {estimate} µm, {REFERENCE_TITLE} {reference} µm, standard deviation {std:.3f} µm; "
         f"{np.count_nonzero(differences > _LARGEST)} differences are beyond {_LARGEST * 1e6:g} µm"
     )
-    return BoundedFigure(f"{name}: maximum against LVDT, µm", found.maximum * 1e6, _LARGEST * 1e6, place=place)
+    told = f"{name}: maximum against {REFERENCE_TITLE}, µm"
+    return BoundedFigure(told, found.maximum * 1e6, _LARGEST * 1e6, place=place)
 
 
 def true_offsets(
@@ -237,7 +239,7 @@ def _repetition(recorded: RecordedTopics, wire: Wire, replayed: Replay, since_ns
         )
 
 
-_BESIDE = ("lvdt_samples", "error_motion_heights_samples")
+_BESIDE = (f"{OWN_REFERENCE}_samples", "error_motion_heights_samples")
 """What stands still at times, and what has several rows for each tick of the estimate."""
 
 

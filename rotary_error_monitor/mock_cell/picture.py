@@ -1,4 +1,4 @@
-"""The picture of a run: radial error motion against the LVDT while a force comes and goes, tool offset corrected."""
+"""The picture of a run: radial error motion beside the reference as a force comes and goes, tool offset corrected."""
 
 from __future__ import annotations
 
@@ -8,14 +8,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.metrology.lvdt_comparison import LvdtComparison
+from rotary_error_monitor.description.streams import REFERENCE_TITLE
+from rotary_error_monitor.metrology.radial_comparison import RadialComparison
 from rotary_error_monitor.mock_cell.figures import CellResult
 from rotary_error_monitor.mock_cell.run import seconds
 from rotary_error_monitor.report.traces import Panel, Trace, draw_panels
 
 
-def _shown(result: CellResult, epoch_ns: int) -> Iterator[tuple[float, LvdtComparison, NDArray[np.bool_]]]:
-    """Each height of the LVDT with its comparison and the samples of the force meanwhile."""
+def _shown(result: CellResult, epoch_ns: int) -> Iterator[tuple[float, RadialComparison, NDArray[np.bool_]]]:
+    """Each height of the reference with its comparison and the samples of the force meanwhile."""
     for height, found in result.comparisons.items():
         begin, end = seconds(found.stamp_ns[[0, -1]], epoch_ns)
         yield height, found, (result.force[:, 0] >= begin) & (result.force[:, 0] <= end)
@@ -24,7 +25,7 @@ def _shown(result: CellResult, epoch_ns: int) -> Iterator[tuple[float, LvdtCompa
 def draw_cell(result: CellResult, epoch_ns: int, path: Path) -> None:
     """Write the picture (PNG) of a run: the height and the direction in which the force changed most."""
 
-    def change(shown: tuple[float, LvdtComparison, NDArray[np.bool_]]) -> NDArray[np.float64]:
+    def change(shown: tuple[float, RadialComparison, NDArray[np.bool_]]) -> NDArray[np.float64]:
         return np.asarray(np.ptp(result.force[shown[2], 1:], axis=0))
 
     chosen = max(_shown(result, epoch_ns), key=lambda each: float(change(each).max()))
@@ -42,13 +43,13 @@ def draw_cell(result: CellResult, epoch_ns: int, path: Path) -> None:
             Panel(
                 f"radial error motion {letter} at {height * 1e3:.0f} mm, µm",
                 (
-                    Trace(time, found.reference[:, axis] * 1e6, "LVDT"),
+                    Trace(time, found.reference[:, axis] * 1e6, REFERENCE_TITLE),
                     Trace(time, found.estimate[:, axis] * 1e6, "estimated from heads and autocollimator"),
                 ),
             ),
             Panel(
                 "difference, µm",
-                (Trace(time, (found.estimate - found.reference)[:, axis] * 1e6, "estimate minus LVDT"),),
+                (Trace(time, (found.estimate - found.reference)[:, axis] * 1e6, f"estimate minus {REFERENCE_TITLE}"),),
             ),
             Panel(
                 "tool offset, µm",

@@ -2,7 +2,7 @@
 
 Each node is a process of its own on real DDS. The mock stage and machine have exact geometry and share no formula with
 estimator and compensation, so what they say is an independent truth. An external force comes and goes (Lou et al. 2019,
-Figure 15), and the LVDT is set to one height after the other.
+Figure 15), and the reference is set to one height after the other.
 """
 
 from __future__ import annotations
@@ -22,12 +22,13 @@ from tqdm import tqdm
 
 from rotary_error_monitor.description.listed_sensors import name_of
 from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.streams import OWN_REFERENCE, REFERENCE_TITLE
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 from rotary_error_monitor.sources.mock import MOCK
 from rotary_error_monitor.testing import Cell, NodeProcess
 
 HEIGHTS = (0.005, 0.016, 0.060)
-"""Heights of the LVDT above the ring, m: those of the paper."""
+"""Heights of the reference above the ring, m: those of the paper."""
 
 SPEEDS = (1.5707963267948966, 3.141592653589793)
 """Speeds of a cycle of the stage, rad/s."""
@@ -79,7 +80,7 @@ class RunOutcome:
     Attributes:
         bag: the recording.
         epoch_ns: when the mock stage began, timestamp (ns).
-        heights: height (m) of the LVDT, from and until when (ns) it stood there.
+        heights: height (m) of the reference, from and until when (ns) it stood there.
         failures: of each process that did not end with exit code 0, how it ended and what it wrote.
     """
 
@@ -131,12 +132,12 @@ def record(cell: MockCell, stage: StageDescription) -> RunOutcome:
             running.start("error_estimator", autostart=False),
             running.start("compensation", autostart=False, **machine, correction_period=CORRECTION_PERIOD),
         ]
-        lvdt = running.start("lvdt", autostart=False, **sensed)
+        reference = running.start(OWN_REFERENCE, autostart=False, **sensed)
         _activate_once_all_is_recorded(running, [process.name for process in reckoning])
         running.wait_until(lambda: _corrects(running), "the cell to correct", STARTING)
         recording.heights += [_at_height(running, height, cell.duration / len(HEIGHTS), progress) for height in HEIGHTS]
         # against the stream: whatever a process says to its end is heard by the next, and by the recorder
-        for processes in ([*reckoning, lvdt], instruments, [recorder], watching):
+        for processes in ([*reckoning, reference], instruments, [recorder], watching):
             _end_together(processes, recording)
     return recording
 
@@ -175,15 +176,15 @@ def _corrects(running: Cell) -> bool:
 
 
 def _at_height(running: Cell, height: float, duration: float, progress: tqdm[Never]) -> tuple[float, int, int]:
-    """Let the LVDT stand at a height (m) for a time (s); give the height, from and until when (ns) it stood there.
+    """Let the reference stand at a height (m) for a time (s); give the height, from and until when (ns) it stood there.
 
     Raises:
         RuntimeError: the node refuses the height.
     """
-    if not running.set_parameter("lvdt", "mock.height", height):
-        raise RuntimeError(f"lvdt refused mock.height {height} m; its log says why")
-    _take_through(running, "lvdt", Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE)
-    progress.set_description(f"LVDT at {height * 1e3:.0f} mm")
+    if not running.set_parameter(OWN_REFERENCE, "mock.height", height):
+        raise RuntimeError(f"{OWN_REFERENCE} refused mock.height {height} m; its log says why")
+    _take_through(running, OWN_REFERENCE, Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE)
+    progress.set_description(f"{REFERENCE_TITLE} at {height * 1e3:.0f} mm")
     begin_ns, begin = time.time_ns(), time.monotonic()
     last = begin
     while (now := time.monotonic()) - begin < duration:
@@ -191,7 +192,7 @@ def _at_height(running: Cell, height: float, duration: float, progress: tqdm[Nev
         last = now
         running.spin_for(_TICK)
     end_ns = time.time_ns()
-    _take_through(running, "lvdt", Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP)
+    _take_through(running, OWN_REFERENCE, Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP)
     return height, begin_ns, end_ns
 
 

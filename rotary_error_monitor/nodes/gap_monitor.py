@@ -14,9 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from rotary_error_monitor.description.settings import Setting
-from rotary_error_monitor.description.streams import AUTOCOLLIMATOR, COMMAND, FORCE, LVDT, TEMPERATURE
+from rotary_error_monitor.description.streams import COMMAND, FORCE, OWN_REFERENCE, TEMPERATURE, TWO_AXIS
 from rotary_error_monitor.description.wire import Topic
-from rotary_error_monitor.effects.rotor import HEAD
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.loading import load_twin
 from rotary_error_monitor.kinds.stage.admission import SHORTEST
@@ -27,6 +26,7 @@ from rotary_error_monitor.nodes.process import program
 from rotary_error_monitor.pipeline.recent_turns import RecentTurns
 from rotary_error_monitor.resources import config
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
+from rotary_error_monitor.twin.recording import streams_with
 
 _DAY = 86_400.0
 _LOOK_PERIOD = 0.2
@@ -42,7 +42,7 @@ _SHORTEST = 1.25 * SHORTEST
 _SLOW = 10.0
 """Silence, s, after which a thermometer counts as stale."""
 
-_HELPFUL = {LVDT: 1.0, FORCE: 1.0, TEMPERATURE: _SLOW}
+_HELPFUL = {OWN_REFERENCE: 1.0, FORCE: 1.0, TEMPERATURE: _SLOW}
 """Streams that a stage need not have, and the silence, s, after which they count as stale."""
 
 
@@ -130,11 +130,7 @@ class GapMonitor(ManagedNode):
             self.setting("patience"),
             self._kept_folder(),
         )
-        needed = [
-            *(f"{HEAD}_{head}" for head in self.stage.azimuths),
-            *([] if self.stage.autocollimator is None else [AUTOCOLLIMATOR]),
-            COMMAND,
-        ]
+        needed, _ = streams_with(tuple(self.stage.azimuths), set(TWO_AXIS) - set(self.stage.two_axis))
         topics = {stream: self.wire.of_stream(stream) for stream in (*needed, *_HELPFUL, *self.stage.listed)}
         self._recent = RecentTurns(
             {stream: topic.columns for stream, topic in topics.items()},

@@ -20,6 +20,6 @@ def noise_std(stage: StageDescription) -> dict[str, float]:
 
 
 def channels_of(stream: str) -> tuple[str, ...]:
-    """Names of a sensor's channels, one for each of its fields: `lvdt.x` and `lvdt.y`, `axial_probe_top` alone."""
+    """Names of a sensor's channels, one for each of its fields: two of an autocollimator, `axial_probe_top` alone."""
     fields = sensor_of(stream).fields
     return (stream,) if len(fields) == 1 else tuple(f"{stream}.{axis}" for axis in short_names(fields))

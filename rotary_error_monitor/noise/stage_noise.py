@@ -9,7 +9,7 @@ Three kinds of noise, each from what the description says:
   spectrum estimated from the recording) plus the mean of the readings' noise.
   A stage without heads has no such rows: its rotation is the command, and the jitter a part of the probes' rows.
 * Autocollimator: noise and rounding, plus turbulence: an Ornstein-Uhlenbeck process of known size and correlation time.
-* LVDT: white.
+* reference: white.
 * Sensors that a stage lists by name: white, each with the noise that is stated of it.
 
 An instrument may have slow noise besides, each of its channels a course of its own.

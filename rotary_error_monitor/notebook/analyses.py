@@ -159,7 +159,7 @@ def analyse(
         recording: a bag, or what `read_bag` gave.
         stage: YAML with a section `stage`; None for the stage that the package ships.
         machine: YAML, or name of a machine that ships; None for the stage alone.
-        heights: above the ring, m, at which radial error motion is told; none, and they are ring, LVDT and probes.
+        heights: above the ring, m, at which radial error motion is told; none, and they are ring, reference and probes.
         limits: that the stage is to keep; None, and they are those of the stage's file, if it states some.
         waves: cut-off of the filter over the angle, waves a turn, at most.
         max_gap: samples further apart are not joined, s, but for what the bag's live run joined.

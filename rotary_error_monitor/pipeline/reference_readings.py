@@ -1,4 +1,4 @@
-"""What an instrument that is no input of the estimate shows of the radial error motion: LVDT, held-out probes."""
+"""What an instrument that is no input of the estimate shows of the radial error motion: its own, held-out probes."""
 
 from __future__ import annotations
 
@@ -8,55 +8,29 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rotary_error_monitor.arrays import Array, Times
-from rotary_error_monitor.description.harmonics import AngularHarmonic
-from rotary_error_monitor.description.listed_sensors import ListedSensor, name_of
+from rotary_error_monitor.description.listed_sensors import name_of
+from rotary_error_monitor.description.sections import extended
 from rotary_error_monitor.description.stage import StageDescription
-from rotary_error_monitor.description.streams import LVDT
+from rotary_error_monitor.description.streams import OWN_REFERENCE
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.harmonics import angular_sum
-from rotary_error_monitor.sensors.library import listed_kind
-
-ECCENTRIC = 1
-"""Order of a target's form that is its eccentricity: a shift of a circle (e_x, e_y) is e_x cos(psi) + e_y sin(psi)."""
+from rotary_error_monitor.sensors.library import listed_kind, sensor_of
+from rotary_error_monitor.sensors.sensor import RadialView
 
 
-@dataclass(frozen=True)
-class Reference:
-    """An instrument that shows the radial error motion at one height.
+@dataclass(frozen=True, kw_only=True)
+class Reference(RadialView):
+    """What an instrument that sees the radial error motion at one height showed of it.
 
     Attributes:
-        name: `lvdt`, or that of the probe in the section `sensors`.
-        stream: name of its samples' stream, such as `radial_probe_low`.
-        axes: p names of its directions: `x` and `y`, or that of the probe's azimuth.
-        directions: (p, 2) unit vectors in the plane of the stage.
-        height: above the ring as described, m.
+        name: of the reference: that of its stream, or of a listed one in the section `sensors`.
         times_ns: (k,) times of its samples.
         readings: (k, p) displacement of the target by zero and gain as described, m.
-        form: form of the target by orders of the place on it, m; its eccentricity left out.
-        azimuth: at which the form is seen, rad.
-        eccentricity: of the target as described (x, y) in the rotor's frame, m.
-        noise: standard deviation of a sample before rounding, m.
-        resolution: step of a sample, m; 0 where none is stated.
-        gain, roll, place: stated standard uncertainty of the gain (of 1), the directions (rad), the height (m).
-        lasting: variance of what is the same in each turn, such as the stated form, m².
     """
 
     name: str
-    stream: str
-    axes: tuple[str, ...]
-    directions: Array
-    height: float
     times_ns: Times
     readings: Array
-    form: tuple[AngularHarmonic, ...]
-    azimuth: float
-    eccentricity: tuple[float, float]
-    noise: float
-    resolution: float
-    gain: float
-    roll: float
-    place: float
-    lasting: float
 
     def form_at(self, theta: Array) -> Array:
         """(m, p) what the target's form shows at rotations `theta` (m,), m."""
@@ -68,20 +42,30 @@ class Reference:
         return replace(self, times_ns=self.times_ns[there], readings=self.readings[there])
 
 
-def is_reference(sensor: ListedSensor) -> bool:
-    """Whether a listed sensor shows the radial error motion at a height and nothing else."""
-    return "height" in sensor.place and not listed_kind(sensor).rows(sensor)[:, 2].any()
+def _views(stage: StageDescription) -> Mapping[str, tuple[str, RadialView]]:
+    """Stream and view of each instrument of a stage that can be a reference, by its name: those with a section first.
+
+    Raises:
+        InputError: a listed sensor is of a kind without a class.
+    """
+    found: dict[str, tuple[str, RadialView]] = {}
+    for stream in (*stage.two_axis, *stage.sensors):
+        listed = stage.sensors.get(stream)
+        view = (sensor_of(stream) if listed is None else listed_kind(listed)).radial_view(stage, stream)
+        if view is not None:
+            found.setdefault(stream if listed is None else name_of(stream, listed), (stream, view))
+    return found
 
 
 def reference_names(stage: StageDescription) -> tuple[str, ...]:
-    """Instruments of a stage that can be a reference: the LVDT, and radial probes by their names."""
-    probes = [name_of(stream, sensor) for stream, sensor in stage.sensors.items() if is_reference(sensor)]
-    return (*(() if stage.lvdt is None else (LVDT,)), *probes)
+    """Instruments of a stage that can be a reference: its own by its stream, and radial probes by their names."""
+    return tuple(_views(stage))
 
 
 def without_references(stage: StageDescription, names: tuple[str, ...]) -> StageDescription:
     """The stage without the listed probes of these names: its estimate does not rest on them."""
-    left = {s: each for s, each in stage.sensors.items() if not (is_reference(each) and name_of(s, each) in names)}
+    held = {stream for name, (stream, _) in _views(stage).items() if name in names}
+    left = {stream: each for stream, each in stage.sensors.items() if stream not in held}
     return stage if len(left) == len(stage.sensors) else replace(stage, sensors=left)
 
 
@@ -90,69 +74,18 @@ def reference_of(stage: StageDescription, name: str, samples: Mapping[str, tuple
 
     Args:
         stage: as described.
-        name: `lvdt`, or that of a listed radial probe.
+        name: as `reference_names` has it.
         samples: times (k,) and values (k, fields) by stream, as the description's latency and response correct them.
 
     Raises:
         InputError: the stage has no such reference; the message names those that it has.
     """
-    names = reference_names(stage)
-    if name not in names:
-        have = (
-            f"it has {', '.join(names)}" if names else "it has neither a section 'lvdt' nor a radial probe in 'sensors'"
-        )
-        raise InputError(f"the stage has no reference '{name}'; {have}")
-    if name == LVDT:
-        return None if LVDT not in samples else _lvdt(stage, *samples[LVDT])
-    stream = next(s for s, each in stage.sensors.items() if is_reference(each) and name_of(s, each) == name)
-    return None if stream not in samples else _probe(stage, name, stream, *samples[stream])
-
-
-def _lvdt(stage: StageDescription, times: Times, values: Array) -> Reference:
-    lvdt, stated = stage.lvdt, stage.uncertainty
-    assert lvdt is not None  # who asks has seen it
-    gain = abs(stage.response(LVDT).gain)
-    return Reference(
-        LVDT,
-        LVDT,
-        ("x", "y"),
-        np.eye(2),
-        lvdt.height,
-        times,
-        values,
-        (),
-        0.0,
-        lvdt.artefact_eccentricity,
-        lvdt.noise,
-        0.0,
-        stated.get("lvdt.gain", 0.0) / gain,
-        stated.get("lvdt.roll", 0.0),
-        stated.get("lvdt.height", 0.0),
-        0.0,
-    )
-
-
-def _probe(stage: StageDescription, name: str, stream: str, times: Times, values: Array) -> Reference:
-    sensor, stated = stage.sensors[stream], stage.uncertainty
-    azimuth, size = sensor.place["azimuth"], abs(sensor.gain)
-    (rows,) = sensor.forms
-    once = [(row.cos, row.sin) for row in rows if row.order == ECCENTRIC]
-    form = tuple(row for row in rows if row.order != ECCENTRIC)
-    return Reference(
-        name,
-        stream,
-        (f"{np.degrees(azimuth):.0f}deg",),
-        listed_kind(sensor).rows(sensor)[:, :2],
-        sensor.place["height"],
-        times,
-        (values - np.array(sensor.zeros)) / sensor.gain,
-        form,
-        azimuth,
-        (sum(cos for cos, _ in once), sum(sin for _, sin in once)),
-        sensor.noise / size,
-        sensor.resolution / size,
-        stated.get(f"sensors.{name}.gain", 0.0) / size,
-        stated.get(f"sensors.{name}.azimuth", 0.0),
-        stated.get(f"sensors.{name}.height", 0.0),
-        len(form) * sensor.uncertainty**2,
-    )
+    views = _views(stage)
+    if name not in views:
+        have = ", ".join(views) or f"neither a section '{OWN_REFERENCE}' nor a radial probe in 'sensors'"
+        raise InputError(f"the stage has no reference '{name}'; it has {have}")
+    stream, view = views[name]
+    if stream not in samples:
+        return None
+    times, values = samples[stream]
+    return extended(Reference, view, name=name, times_ns=times, readings=(values - view.zero) / view.scale)

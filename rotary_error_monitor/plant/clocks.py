@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.description.listed_sensors import ListedSensor
+from rotary_error_monitor.description.streams import AUTOCOLLIMATOR, COMMAND, FORCE, OWN_REFERENCE, TEMPERATURE
 from rotary_error_monitor.description.topics import samples_columns
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 
-STREAMS = ("autocollimator", "lvdt", "command", "force", "temperature")
+STREAMS = (AUTOCOLLIMATOR, OWN_REFERENCE, COMMAND, FORCE, TEMPERATURE)
 """Those that are neither of a head nor of a listed sensor."""
 
 HEAD = "head_"
@@ -81,11 +82,11 @@ def stage_clocks(
     )
     fast = {f"{HEAD}{name}": Clock(head_rate, (0.2 + 0.03 * i) / head_rate) for i, name in enumerate(heads)}
     fixed = {
-        "autocollimator": Clock(collimator_rate, 0.4 / collimator_rate),
-        "lvdt": Clock(250.0, 0.0028),
-        "command": Clock(command_rate),
-        "force": Clock(FORCE_RATE, 0.001),
-        "temperature": Clock(5.0),
+        AUTOCOLLIMATOR: Clock(collimator_rate, 0.4 / collimator_rate),
+        OWN_REFERENCE: Clock(250.0, 0.0028),
+        COMMAND: Clock(command_rate),
+        FORCE: Clock(FORCE_RATE, 0.001),
+        TEMPERATURE: Clock(5.0),
     }
     listed = {name: Clock(listed_rate, (0.33 + 0.013 * i) / listed_rate) for i, name in enumerate(sensors)}
     acting = {

@@ -14,6 +14,7 @@ from rotary_error_monitor.description.harmonics import PlanarHarmonic
 from rotary_error_monitor.description.listed_sensors import ListedSensor
 from rotary_error_monitor.description.periodic_tables import PeriodicTable
 from rotary_error_monitor.description.response import Response
+from rotary_error_monitor.description.streams import AUTOCOLLIMATOR, OWN_REFERENCE
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant import geometry
 from rotary_error_monitor.plant.clocks import HEAD
@@ -36,7 +37,7 @@ def seen(stream: str, scene: Scene, faults: Sequence[Fault]) -> Reals:
     """(n, fields) what an instrument without noise, limits and resolution shows of a scene.
 
     Args:
-        stream: `head_<letter>`, `autocollimator`, `lvdt`, or a sensor that the stage lists.
+        stream: `head_<letter>`, `autocollimator`, the reference, or a sensor that the stage lists.
         scene: with the true stage in it.
         faults: of the stage, whose hooks for the instruments are asked.
 
@@ -45,9 +46,9 @@ def seen(stream: str, scene: Scene, faults: Sequence[Fault]) -> Reals:
     """
     if stream.startswith(HEAD):
         return _angle(stream, scene, faults)[:, None]
-    if stream == "autocollimator":
+    if stream == AUTOCOLLIMATOR:
         return as_columns(_tilt(scene, faults))
-    if stream == "lvdt":
+    if stream == OWN_REFERENCE:
         return as_columns(_touched(scene, faults))
     reading = _listed(stream, scene, faults)
     return reading if reading.ndim == 2 else reading[:, None]
@@ -138,10 +139,10 @@ def _tilt(scene: Scene, faults: Sequence[Fault]) -> Plane:
 
 
 def _touched(scene: Scene, faults: Sequence[Fault]) -> Plane:
-    lvdt = scene.stage.lvdt
-    assert lvdt is not None  # there is no such stream otherwise
-    centre = complex(*lvdt.artefact_eccentricity)
-    radial = geometry.place_point(scene.turns.once, centre, lvdt.height, scene.radial, scene.tilt)
+    reference = scene.stage.reference
+    assert reference is not None  # there is no such stream otherwise
+    centre = complex(*reference.artefact_eccentricity)
+    radial = geometry.place_point(scene.turns.once, centre, reference.height, scene.radial, scene.tilt)
     for fault in faults:
         radial = fault.touch(radial, scene)
     return radial

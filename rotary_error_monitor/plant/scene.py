@@ -139,7 +139,7 @@ class Fault:
         return tilt
 
     def touch(self, radial: Plane, scene: Scene) -> Plane:
-        """What the LVDT sees (n,) m, before noise."""
+        """What the reference sees (n,) m, before noise."""
         return radial
 
     def sense(self, reading: NDArray[np.float64], stream: str, scene: Scene) -> NDArray[np.float64]:

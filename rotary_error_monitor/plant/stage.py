@@ -12,6 +12,7 @@ from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.listed_sensors import name_of
 from rotary_error_monitor.description.sensor_section import PLACE_TEMPERATURE, SHAFT_FORCE
 from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.streams import FORCE, OWN_REFERENCE, TEMPERATURE, TWO_AXIS
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant.clocks import HEAD, STREAMS, Clock, fields_of, stage_clocks
 from rotary_error_monitor.plant.environment import Forces, TemperatureCourse, place_temperature
@@ -77,8 +78,7 @@ class StagePlant:
     def streams(self) -> tuple[str, ...]:
         """Names of the streams that this stage has and that a clock drives."""
         heads = tuple(f"{HEAD}{name}" for name in self.stage.azimuths)
-        absent = {name for name in ("autocollimator", "lvdt") if getattr(self.stage, name) is None}
-        others = tuple(name for name in STREAMS if name not in absent)
+        others = tuple(name for name in STREAMS if name not in TWO_AXIS or name in self.stage.two_axis)
         return tuple(name for name in (*heads, *others, *self.stage.listed) if name in self.clocks)
 
     def having(self, faults: tuple[Fault, ...]) -> StagePlant:
@@ -191,7 +191,7 @@ class StagePlant:
 
         All of these are of what is shown, so that an instrument with a gain has them larger by it.
         """
-        lvdt = self.stage.lvdt
+        reference = self.stage.reference
         scale = abs(self.stage.response(stream).gain)
         if stream.startswith(HEAD):
             encoder = self.stage.ring
@@ -207,7 +207,8 @@ class StagePlant:
             noisy = shown + sensor.noise * self._noise(stream, first, shown.shape)
             limited = np.clip(noisy, -sensor.range, sensor.range)
             return _rounded(limited, sensor.resolution) if sensor.resolution else limited
-        std = {"lvdt": lvdt.noise if lvdt else 0.0, "force": self.force_noise, "temperature": self.temperature_noise}
+        std = {FORCE: self.force_noise, TEMPERATURE: self.temperature_noise}
+        std |= {} if reference is None else {OWN_REFERENCE: reference.noise}
         return shown + scale * std[stream] * self._noise(stream, first, shown.shape) if stream in std else shown
 
     def _noise(self, stream: str, first: int, shape: tuple[int, ...]) -> Array:

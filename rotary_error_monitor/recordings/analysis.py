@@ -21,7 +21,7 @@ from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.description.error_motion_limits import ErrorMotionLimits
 from rotary_error_monitor.description.machine import MachineDescription, load_machine, machine_path
 from rotary_error_monitor.description.stage import StageDescription, load_stage
-from rotary_error_monitor.description.streams import AUTOCOLLIMATOR
+from rotary_error_monitor.description.streams import AUTOCOLLIMATOR, OWN_REFERENCE
 from rotary_error_monitor.description.wire import wire_of
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.files import check_outputs, check_places, write_all
@@ -49,7 +49,7 @@ class Question:
 
     Attributes:
         limits: of the error motion values; none, and there is no verdict.
-        heights: above the ring, m; none, and they are those of ring, LVDT and probes.
+        heights: above the ring, m; none, and they are those of ring, reference and probes.
         most_waves: cut-off of the filter over the angle, waves a turn, at most.
         naming: which cell of a bag it is, and how the bag calls its topics.
         max_gap_ns: samples further apart than this are not joined, ns.
@@ -219,10 +219,11 @@ def _least_rate(streams: RecordedStreams, stage: StageDescription) -> float:
 
 
 def _stays(estimates: ReplayedEstimates, streams: RecordedStreams, stage: StageDescription) -> tuple[Stay, ...]:
-    """The monitor against the LVDT, where one was recorded."""
-    if stage.lvdt is None or streams.lvdt is None:
+    """The monitor against the stage's own reference, where one was recorded."""
+    samples = streams.kept.get(OWN_REFERENCE)
+    if stage.reference is None or samples is None:
         return ()
-    return stays_of(estimates, estimates.period_ns, stage.lvdt, streams.lvdt)
+    return stays_of(estimates, estimates.period_ns, stage.reference, samples)
 
 
 def check_machine(machine: MachineDescription | None) -> MachineDescription | None:

@@ -15,7 +15,7 @@ from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.codec.contents import Content
 from rotary_error_monitor.description.listed_sensors import name_of
 from rotary_error_monitor.description.stage import StageDescription
-from rotary_error_monitor.description.streams import FORCE, LVDT, TEMPERATURE
+from rotary_error_monitor.description.streams import FORCE, OWN_REFERENCE, TEMPERATURE
 from rotary_error_monitor.description.wire import Topic, Wire
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.responses import correct_block
@@ -45,11 +45,6 @@ class RecordedStreams:
     rates: dict[str, float] = field(default_factory=dict)
     courses: dict[str, Samples] = field(default_factory=dict)
     kept: dict[str, KeptSamples] = field(default_factory=dict)
-
-    @property
-    def lvdt(self) -> KeptSamples | None:
-        """Samples of the LVDT; None where it has none."""
-        return self.kept.get(LVDT)
 
     def most_force(self, stage: StageDescription) -> float:
         """Largest force on the shaft, N, by whichever load cell of it shows most."""
@@ -82,7 +77,7 @@ def read_streams(
     stage: StageDescription,
     keep: Keep,
     progress: Progress = silent,
-    kept: Collection[str] = (LVDT,),
+    kept: Collection[str] = (OWN_REFERENCE,),
 ) -> RecordedStreams:
     """All streams of samples that instruments, controller and surroundings published.
 

@@ -6,14 +6,14 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from rotary_error_monitor.analysis.comparison import DESCRIBED, Stand, stands_at, stands_of_lvdt
+from rotary_error_monitor.analysis.comparison import DESCRIBED, Stand, stands_at, stands_of_reference
 from rotary_error_monitor.analysis.verification import compare_reference
 from rotary_error_monitor.analysis.verification_result import Verification, as_mapping, figures_of
 from rotary_error_monitor.arrays import Array, Times
 from rotary_error_monitor.bags.naming import THE_ONLY_CELL, Naming
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.description.stage import StageDescription, load_stage
-from rotary_error_monitor.description.streams import LVDT
+from rotary_error_monitor.description.streams import OWN_REFERENCE, REFERENCE_TITLE
 from rotary_error_monitor.description.wire import wire_of
 from rotary_error_monitor.errors import InputError, told_of
 from rotary_error_monitor.files import check_outputs, check_places, write_all
@@ -44,7 +44,7 @@ class FileVerification:
         recording: bag.
         stage_file: YAML with a section `stage`; None for the embedded one.
         heights: above the ring, m; none, and they are those at which references were recorded.
-        references: names of references; none, and it is the LVDT, or where none was recorded all radial probes.
+        references: names of references; none, and it is the stage's own, or where none was recorded all radial probes.
         naming: which cell of a bag it is, and how the bag calls its topics.
         outputs: file of each format (`html`, `json`, `csv`, `png`).
         settings: how the monitor samples.
@@ -110,7 +110,7 @@ def verify_bag(
         bag: recording.
         stage: as described.
         heights: above the ring, m; none, and they are those at which references were recorded.
-        names: of references: `lvdt`, or radial probes as the section `sensors` calls them.
+        names: of references: the stage's own by its stream, or radial probes as the section `sensors` calls them.
         naming: which cell of a bag it is, and how the bag calls its topics.
         settings: how the monitor samples.
 
@@ -118,7 +118,7 @@ def verify_bag(
         InputError: there is no such bag, reference, or height with one, or not a whole turn of what is compared.
     """
     reader, wire = BagReader(bag, naming), wire_of(stage)
-    kept = read_streams(reader, wire, stage, RowsInMemory, kept=(LVDT, *stage.sensors)).kept
+    kept = read_streams(reader, wire, stage, RowsInMemory, kept=(OWN_REFERENCE, *stage.sensors)).kept
     samples = {name: samples.all() for name, samples in kept.items()}
     references = _references(stage, names, samples, reader)
     monitor = without_references(stage, tuple(references))
@@ -130,10 +130,7 @@ def verify_bag(
         chosen = [pair for height in heights for pair in _at(stands, height, str(bag))]
     estimates = estimates_of(replay)
     try:
-        compared = [
-            compare_reference(estimates, monitor, _during(references[name], stand), stand, str(bag))
-            for name, stand in chosen
-        ]
+        compared = [compare_reference(estimates, monitor, references[name], stand, str(bag)) for name, stand in chosen]
     except InputError as error:  # it may be for what was not believed
         said = [remark for remark in replay.remarks if not remark.startswith(f"{bag}: ")]
         raise InputError("; ".join([str(error), *said])) from error
@@ -143,20 +140,20 @@ def verify_bag(
 def _references(
     stage: StageDescription, names: Sequence[str], samples: Mapping[str, tuple[Times, Array]], reader: BagReader
 ) -> dict[str, Reference]:
-    """Those that are asked for, or the LVDT, or else the radial probes.
+    """Those that are asked for, or the stage's own, or else the radial probes.
 
     Raises:
         InputError: one that is asked for was not recorded, or none was.
     """
     known = reference_names(stage)
-    asked = names or [name for name in known if name == LVDT] or known
+    asked = names or [name for name in known if name == OWN_REFERENCE] or known
     found = {name: reference_of(stage, name, samples) for name in asked}
     if not names and not any(found.values()):
         found = {name: reference_of(stage, name, samples) for name in known}
     there = {name: each for name, each in found.items() if each is not None}
     lacking = [name for name, each in found.items() if each is None]
     if not there or (names and lacking):
-        have = f"the stage has {', '.join(known)}" if known else "the stage has neither LVDT nor radial probe"
+        have = f"the stage has {', '.join(known) or f'neither {REFERENCE_TITLE} nor radial probe'}"
         what = f"no samples of the reference {', '.join(lacking)}" if lacking else "no reference"
         damage = f"; {reader.damage}" if reader.damage else ""
         raise InputError(f"{reader.path}: {what}; {have}: record one beside heads and autocollimator{damage}")
@@ -165,8 +162,9 @@ def _references(
 
 def _stands(reference: Reference, stage: StageDescription, replay: Replay) -> tuple[Stand, ...]:
     """Where a reference stood; a listed probe stays where it is described."""
-    if reference.name == LVDT and stage.lvdt is not None:
-        return stands_of_lvdt(replay.stamp_ns, replay.motion, stage.lvdt, reference.times_ns, reference.readings)
+    if reference.name == OWN_REFERENCE and stage.reference is not None:
+        seen = reference.times_ns, reference.readings
+        return stands_of_reference(replay.stamp_ns, replay.motion, stage.reference, *seen)
     begin, end = int(replay.stamp_ns[0]), int(replay.stamp_ns[-1]) + 1
     return (Stand(reference.height, DESCRIBED, (reference.height,), begin, end),)
 
@@ -174,7 +172,3 @@ def _stands(reference: Reference, stage: StageDescription, replay: Replay) -> tu
 def _at(stands: Mapping[str, Sequence[Stand]], height: float, bag: str) -> list[tuple[str, Stand]]:
     with told_of(f"{bag}: --height is {height * 1e3:g} (mm)"):
         return stands_at(stands, height)
-
-
-def _during(reference: Reference, stand: Stand) -> Reference:
-    return reference.within(stand.begin_ns, stand.end_ns)

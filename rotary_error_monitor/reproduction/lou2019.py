@@ -175,16 +175,12 @@ class Lou2019:
     def _at_height(self, height: int) -> str:
         """Name of the calibrated stage file with the LVDT at a height, mm."""
         text = self.bench.path(STAGE).read_text(encoding="utf-8")
-        described = f"height: {self._calibrated_lvdt_height}"
+        assert self._calibrated.reference is not None
+        described = f"height: {self._calibrated.reference.height}"
         assert text.count(described) == 1, "the LVDT's is the one height in the file"
         name = f"stage_lvdt_{height}_mm.yaml"
         write_whole(self.bench.path(name), text.replace(described, f"height: {height * 1e-3:g}").encode())
         return name
-
-    @property
-    def _calibrated_lvdt_height(self) -> float:
-        assert self._calibrated.lvdt is not None
-        return self._calibrated.lvdt.height
 
     def _instruments(self) -> Iterator[PaperComparison]:
         ring = self._calibrated.ring

@@ -83,13 +83,12 @@ class LouStage:
     def known(self) -> StageDescription:
         """The stage as its builder knows it at first: no error of assembly, no error motion, a straight instrument."""
         stage = load_stage()
-        assert stage.encoder is not None and stage.lvdt is not None
+        assert stage.encoder is not None and stage.reference is not None
         return replace(
-            stage,
+            stage.with_reference(replace(stage.reference, artefact_eccentricity=(0.0, 0.0))),
             encoder=replace(stage.encoder, eccentricity=(0.0, 0.0), graduation=()),
             mirror=Mirror(),
             spindle=Spindle(),
-            lvdt=replace(stage.lvdt, artefact_eccentricity=(0.0, 0.0)),
         )
 
     def write_known(self, path: Path) -> None:
@@ -124,17 +123,17 @@ class LouStage:
         draw = Noise(self.seed, "centres").generator()
         (radial, lean), angles = _CENTRES, draw.uniform(0, 2 * np.pi, 2)
         spindle = Spindle(radial=(_once(radial, angles[0]),), tilt=(_once(lean, angles[1]),))
-        shaft = replace(self.true, spindle=spindle, lvdt=None)
+        shaft = replace(self.true, spindle=spindle).with_reference(None)
         plant = StagePlant(
             shaft, self.seed, EPOCH_NS, _motion(), temperature=TemperatureCourse(rise=0.0), clocks=_clocks()
         )
         return _record(folder, plant)
 
     def record(self, folder: Path, height: float, run: int, pushed: bool = False) -> StagePlant:
-        """Record the stage with an LVDT at a height, m; `pushed` by forces that come and go. Give the truth."""
+        """Record the stage with its reference at a height, m; `pushed` by forces that come and go. Give the truth."""
         stage = self.true
-        assert stage.lvdt is not None
-        stage = replace(stage, lvdt=replace(stage.lvdt, height=height))
+        assert stage.reference is not None
+        stage = stage.with_reference(replace(stage.reference, height=height))
         seed = self.seed + 1000 * run
         forces = intermittent_forces(seed, 2 * (REST + TURNING)) if pushed else Forces()
         epoch = EPOCH_NS + run * 3600 * NANOSECONDS

@@ -75,7 +75,7 @@ def input_of(stream: str) -> ListedInput | None:
 
 @cache
 def kind_of(channel: str) -> str:
-    """Kind of sensor of a channel: `head_a` is a `head`, `lvdt.x` an `lvdt`, `axial_probe_top` an `axial_probe`."""
+    """Kind of sensor of a channel: `head_a` is a `head`, `axial_probe_top.x` an `axial_probe`."""
     stream = channel.partition(".")[0]
     kinds = (kind for kind in sensor_kinds() if stream == kind or stream.startswith(f"{kind}_"))
     return max(kinds, key=len, default=stream)

@@ -9,10 +9,13 @@ import numpy as np
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.harmonics import AngularHarmonic
-from rotary_error_monitor.description.listed_sensors import ListedSensor, quantity
+from rotary_error_monitor.description.listed_sensors import ListedSensor, name_of, quantity
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.metrology.harmonics import angular_sum
-from rotary_error_monitor.sensors.sensor import Pose, Sensor
+from rotary_error_monitor.sensors.sensor import Pose, RadialView, Sensor
+
+ECCENTRIC = 1
+"""Order of a target's form that is its eccentricity: a shift of a circle (e_x, e_y) is e_x cos(psi) + e_y sin(psi)."""
 
 MIRROR = "mirror"
 """What sensors of tilt see of the rotor, the autocollimator among them."""
@@ -87,6 +90,32 @@ class ListedKind(Sensor):
             for zero, form, weights in zip(sensor.zeros, self.forms(sensor), self.rows(sensor), strict=True)
         ]
         return parts[0] if len(parts) == 1 else np.stack(parts, axis=1)
+
+    def radial_view(self, stage: StageDescription, stream: str) -> RadialView | None:
+        """Along its azimuth, of a sensor that states its height and sees no axial error motion."""
+        sensor = stage.sensors[stream]
+        if "height" not in sensor.place or len(sensor.forms) > 1 or self.rows(sensor)[:, 2].any():
+            return None
+        azimuth, size = sensor.place.get("azimuth", 0.0), abs(sensor.gain)
+        once = [row for row in sensor.forms[0] if row.order == ECCENTRIC]
+        form = tuple(row for row in sensor.forms[0] if row.order != ECCENTRIC)
+        own, stated = f"{self.section}.{name_of(stream, sensor)}", stage.uncertainty
+        return RadialView(
+            axes=(f"{np.degrees(azimuth):.0f}deg",),
+            directions=self.rows(sensor)[:, :2],
+            height=sensor.place["height"],
+            form=form,
+            azimuth=azimuth,
+            eccentricity=(sum(row.cos for row in once), sum(row.sin for row in once)),
+            zero=sensor.zeros,
+            scale=sensor.gain,
+            noise=sensor.noise / size,
+            resolution=sensor.resolution / size,
+            gain=stated.get(f"{own}.gain", 0.0) / size,
+            roll=stated.get(f"{own}.azimuth", 0.0),
+            place=stated.get(f"{own}.height", 0.0),
+            lasting=len(form) * sensor.uncertainty**2,
+        )
 
     def within_range(self, stage: StageDescription, stream: str, shown: Array) -> Array:
         """The reading, which stays at the end of the range beyond it."""

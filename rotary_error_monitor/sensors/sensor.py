@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
 from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.description.harmonics import AngularHarmonic
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.two_axis_section import Turbulence
 from rotary_error_monitor.effects.rotor import RotorState
@@ -30,6 +32,37 @@ class Pose(Protocol):
 
     def tilt(self) -> Array:
         """(n, 2) tilt error motion, a rotation vector in rad."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RadialView:
+    """How a sensor sees the radial error motion at one height: the estimate can be held against it.
+
+    Attributes:
+        axes, directions: p names, such as `x` and `y`, and (p, 2) unit vectors in the plane of the stage.
+        height: above the ring, m.
+        form, azimuth: of the target by orders of the place on it, m, but its eccentricity; where that is seen, rad.
+        eccentricity: of the target (x, y) in the rotor's frame, m.
+        zero, scale: (p,) reading of a perfect axis, m, and reading per displacement; 0 and 1 of corrected samples.
+        noise, resolution: standard deviation of a sample before rounding, and its step, m; 0 where none is stated.
+        gain, roll, place: stated standard uncertainty of the gain (of 1), the directions (rad), the height (m).
+        lasting: variance of what is the same in each turn, such as the stated form, m².
+    """
+
+    axes: tuple[str, ...]
+    directions: Array
+    height: float
+    form: tuple[AngularHarmonic, ...] = ()
+    azimuth: float = 0.0
+    eccentricity: tuple[float, float]
+    zero: tuple[float, ...] = (0.0, 0.0)
+    scale: float = 1.0
+    noise: float
+    resolution: float = 0.0
+    gain: float
+    roll: float
+    place: float
+    lasting: float = 0.0
 
 
 class Sensor(ABC):
@@ -75,6 +108,10 @@ class Sensor(ABC):
     @abstractmethod
     def shown(self, stream: str, pose: Pose) -> Array:
         """What a sensor without fault shows of the rotor, (n,) or (n, fields)."""
+
+    def radial_view(self, stage: StageDescription, stream: str) -> RadialView | None:
+        """How it sees the radial error motion at a height; None of one that does not, or sees more than that."""
+        return None
 
     def within_range(self, stage: StageDescription, stream: str, shown: Array) -> Array:
         """What an instrument says that would show this; what lies beyond its range stays at its end."""

@@ -11,6 +11,7 @@ import numpy as np
 
 from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.streams import OWN_REFERENCE
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant.clocks import stage_clocks
 from rotary_error_monitor.plant.environment import FORCE_CYCLE, Forces, intermittent_forces
@@ -143,21 +144,21 @@ class MockSurroundings(MockDevice):
         )
 
 
-class MockLvdt(MockDevice):
-    """The LVDT of the true stage, at a height of the user's choice."""
+class MockReference(MockDevice):
+    """The reference of the true stage, at a height of the user's choice."""
 
-    serves = ("lvdt",)
+    serves = (OWN_REFERENCE,)
     settings = (*MOCK_SETTINGS, HEIGHT)
 
     def open(self, instrument: Instrument) -> MockSource:
-        """The LVDT's stream of the stage.
+        """The reference's stream of the stage.
 
         Raises:
-            InputError: the stage has no LVDT.
+            InputError: the stage has no reference of its own.
         """
         stage, height = instrument.stage, instrument.setting(HEIGHT.name)
-        if stage.lvdt is not None and height:
-            stage = replace(stage, lvdt=replace(stage.lvdt, height=height))
+        if stage.reference is not None and height:
+            stage = stage.with_reference(replace(stage.reference, height=height))
         return _stream_of(mock_stage(stage, mock_settings(instrument.setting, instrument.now_ns)), instrument)
 
 
@@ -176,7 +177,7 @@ class MockSource(Source):
     """
 
     def __init__(self, plant: StagePlant, stream: str) -> None:
-        """Samples of `stream`, such as `head_a`, `autocollimator`, `lvdt`, `command`, `force`, `temperature`."""
+        """Samples of `stream`, such as `head_a`, `autocollimator`, `command`, `force`, `temperature`."""
         self._plant = plant
         self._stream = stream
         self._ahead: dict[tuple[int, int], SampleBlock | None] = {}

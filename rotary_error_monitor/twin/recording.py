@@ -50,7 +50,7 @@ class StageRecording:
 
     Attributes:
         start_ns: stamp of the earliest sample, timestamp (ns); time 0 of all streams.
-        streams: `head_a` …, `autocollimator`, `lvdt`, `command`, `force`, `temperature`, and listed sensors such as
+        streams: `head_a` …, `autocollimator`, `command`, `force`, `temperature`, and listed sensors such as
             `axial_probe_top` or `thermometer_bearing`, as far as recorded.
         remarks: what a reader should know, such as samples that had to be left out.
     """

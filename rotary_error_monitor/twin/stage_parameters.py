@@ -11,13 +11,11 @@ from typing import Any
 from rotary_error_monitor.description.harmonics import AngularHarmonic, PlanarHarmonic
 from rotary_error_monitor.description.listed_sensors import ListedSensor, name_of, short_names
 from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.streams import TWO_AXIS
 from rotary_error_monitor.description.two_axis_section import DISTORTIONS, RESPONSES
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.periodic_curves import doubted_orders
 from rotary_error_monitor.sensors.library import instrument_of, sensor_kinds
-
-_ANSWERING = ("autocollimator", "lvdt")
-"""Instruments of two axes that answer as `Response` says, each a section and a stream."""
 
 _PAIRS = ("zero", "cubic")
 """What of their answer is of either axis."""
@@ -33,7 +31,7 @@ class UncertainParameter:
     Attributes:
         name: dotted name with the component, such as `encoder.eccentricity[0]`.
         uncertainty: its standard uncertainty, in the number's unit.
-        seen_by: instruments that it moves: `head`, `autocollimator`, `lvdt`, listed sensors by their streams.
+        seen_by: instruments that it moves: `head`, `autocollimator`, listed sensors by their streams.
         shifted: the description with that number larger by an amount.
     """
 
@@ -67,7 +65,7 @@ def uncertain_parameters(stage: StageDescription) -> tuple[UncertainParameter, .
 def _of_section(stage: StageDescription, name: str, uncertainty: float) -> list[UncertainParameter]:
     """All numbers of a parameter of one section, such as `encoder.eccentricity`."""
     section_name, _, key = name.partition(".")
-    if key in (*RESPONSES, *DISTORTIONS) and section_name in _ANSWERING:
+    if key in (*RESPONSES, *DISTORTIONS) and section_name in TWO_AXIS:
         return _of_response(stage, name, uncertainty)
     section = getattr(stage, section_name, None)
     attribute = "azimuths" if name == "encoder.azimuth" else key

@@ -13,11 +13,13 @@ from rotary_error_monitor.analysis.health import FallOut, FallOuts
 from rotary_error_monitor.analysis.positions import Positioning, positioning_of
 from rotary_error_monitor.analysis.rotation import ArrayCourse
 from rotary_error_monitor.arrays import Array, Times
-from rotary_error_monitor.description.two_axis_section import Lvdt
+from rotary_error_monitor.description.two_axis_section import RadialReference
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 
 
-def compare_stays(stamp_ns: Times, motion: ErrorMotion, lvdt: Lvdt, times_ns: Times, radial: Array) -> tuple[Stay, ...]:
+def compare_stays(
+    stamp_ns: Times, motion: ErrorMotion, lvdt: RadialReference, times_ns: Times, radial: Array
+) -> tuple[Stay, ...]:
     """Comparison at each height, of what is in memory.
 
     Args:

@@ -10,7 +10,7 @@ from analysis.in_memory import compare_stays, estimate_stops, fall_outs
 
 from rotary_error_monitor.analysis.health import FallOuts
 from rotary_error_monitor.analysis.runs import find_segments
-from rotary_error_monitor.description.two_axis_section import Lvdt
+from rotary_error_monitor.description.two_axis_section import RadialReference
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.signals import rows
 
@@ -76,7 +76,7 @@ def test_heights_of_an_lvdt(seed, monkeypatch):
     covariance = np.tile(1e-16 * np.eye(6), (len(times), 1, 1))
     motion = ErrorMotion.of(theta, components, np.ones((len(times), 6), np.bool_), covariance)
     there = rng.random(len(times)) > 0.01
-    given = (times, motion, Lvdt(0.016, 5e-8), times[there] + 137, seen[there])
+    given = (times, motion, RadialReference(0.016, 5e-8), times[there] + 137, seen[there])
     whole = compare_stays(*given)
     assert len(whole) == 3
     monkeypatch.setattr(rows, "PART", 701)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rotary_error_monitor.analysis.comparison import stands_at, stands_of_lvdt
+from rotary_error_monitor.analysis.comparison import stands_at, stands_of_reference
 from rotary_error_monitor.analysis.reference_judgement import Variances, judge
-from rotary_error_monitor.description.two_axis_section import Lvdt
+from rotary_error_monitor.description.two_axis_section import RadialReference
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 
@@ -54,8 +54,8 @@ def leaning(seconds, heights, described, eccentricity=(3e-6, -2e-6), seed=0):
     components = np.zeros((count, 6))
     components[:, 3:5] = tilt
     motion = ErrorMotion.of(theta, components, np.ones((count, 6), np.bool_), np.zeros((count, 6, 6)))
-    lvdt = Lvdt(described, 5e-8)  # nobody knows the eccentricity
-    return stands_of_lvdt(stamps, motion, lvdt, stamps, seen + 5e-8 * rng.normal(size=(count, 2)))
+    lvdt = RadialReference(described, 5e-8)  # nobody knows the eccentricity
+    return stands_of_reference(stamps, motion, lvdt, stamps, seen + 5e-8 * rng.normal(size=(count, 2)))
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -12,7 +12,7 @@ from rotary_error_monitor.analysis.motion import analyse_motion
 from rotary_error_monitor.analysis.runs import find_segments
 from rotary_error_monitor.analysis.signals import Estimates
 from rotary_error_monitor.description.stage import load_stage
-from rotary_error_monitor.description.two_axis_section import Lvdt
+from rotary_error_monitor.description.two_axis_section import RadialReference
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 
 START_NS = 1_763_700_000_000_000_000
@@ -129,7 +129,7 @@ def test_the_heights_of_a_moved_lvdt_are_found(seed):
     radial = 2e-6 * np.stack([np.cos(3 * theta), np.sin(2 * theta)], 1)
     heights = rng.choice([0.005, 0.016, 0.06, 0.1], 3, replace=False)
     at = np.repeat(heights, 12_000)
-    lvdt = Lvdt(0.016, 5e-8, (2e-6, -1e-6))
+    lvdt = RadialReference(0.016, 5e-8, (2e-6, -1e-6))
     cos, sin = np.cos(theta), np.sin(theta)
     artefact = np.stack([2e-6 * cos + 1e-6 * sin, 2e-6 * sin - 1e-6 * cos], 1)
     seen = (
@@ -157,7 +157,7 @@ def test_an_lvdt_that_stays_is_one_stay_at_its_described_height(seed):
     components = np.zeros((36_000, 6))
     components[:, 3:5] = tilt
     motion = ErrorMotion.of(theta, components, np.ones((36_000, 6), np.bool_), np.zeros((36_000, 6, 6)))
-    (stay,) = compare_stays(stamps, motion, Lvdt(0.016, 5e-8), stamps, seen)
+    (stay,) = compare_stays(stamps, motion, RadialReference(0.016, 5e-8), stamps, seen)
     assert stay.height == 0.016
 
 

@@ -13,7 +13,7 @@ from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.machine.correction import remaining_offset, solve_axis_corrections
 from rotary_error_monitor.machine.error_model import predict_tool_offset
 from rotary_error_monitor.machine.kinematics import arrange_machine
-from rotary_error_monitor.metrology.lvdt_comparison import compare_with_lvdt
+from rotary_error_monitor.metrology.radial_comparison import compare_radial
 from rotary_error_monitor.plant.machine import MachinePlant, make_poses
 from rotary_error_monitor.recordings.replay import replay_bag
 
@@ -27,7 +27,7 @@ def test_radial_error_motion_against_the_lvdt(case):
     (blocks,) = BagReader(case / "bag").read_blocks(["/stage/lvdt/samples"]).values()
     times = np.concatenate([block.times_ns for block in blocks])
     radial = np.concatenate([block.columns(("radial_x", "radial_y")) for block in blocks])
-    found = compare_with_lvdt(result.stamp_ns, result.motion, stage.lvdt, times, radial, 1_000_000)
+    found = compare_radial(result.stamp_ns, result.motion, stage.lvdt, times, radial, 1_000_000)
     span = (result.stamp_ns[-1] - result.stamp_ns[0]) * 1e-9
     print(
         f"\n{case.name}: RMS {found.rms * 1e6:.3f} µm, maximum {found.maximum * 1e6:.3f} µm, inside their 95 % bounds "

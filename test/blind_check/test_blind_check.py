@@ -120,7 +120,7 @@ def test_causes_hold_at_speeds_never_seen(tmp_path):
     assert content["elsewhere"]["before"] > 1.1
     truth = {**case.truth.as_mapping(), "sizes": sizes_beyond_uncertainty(case, 40.0)}
     outcome = score_case(plan, truth, content, seconds)
-    assert outcome.right and outcome.lvdt and outcome.elsewhere > 0.98
+    assert outcome.right and outcome.referred and outcome.elsewhere > 0.98
     assert "Shrink of the gap at speeds never seen" in format_scores([outcome])
 
 

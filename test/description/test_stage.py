@@ -12,7 +12,7 @@ from rotary_error_monitor.description.harmonics import AngularHarmonic, PlanarHa
 from rotary_error_monitor.description.listed_sensors import ListedSensor
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.description.stage_section import PARAMETERS
-from rotary_error_monitor.description.two_axis_section import Autocollimator, Lvdt
+from rotary_error_monitor.description.two_axis_section import Autocollimator, RadialReference
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.resources import config
 from rotary_error_monitor.twin.stage_parameters import uncertain_parameters
@@ -92,7 +92,7 @@ def test_each_name_that_is_accepted_is_one_that_the_twin_knows():
     stage = replace(
         stage,
         autocollimator=stage.autocollimator or Autocollimator(1e-3, 1e-7, 1e-7),
-        lvdt=stage.lvdt or Lvdt(0.1, 1e-8),
+        lvdt=stage.lvdt or RadialReference(0.1, 1e-8),
         sensors={"axial_probe_top": ListedSensor("axial_probe", 1e-8, 1e-9, 1e-4, 0.0, place={"radius": 0.1})},
     )
     names = [f"{part}.{name}" for part, known in PARAMETERS.items() for name in known]

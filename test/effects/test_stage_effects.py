@@ -13,7 +13,7 @@ from rotary_error_monitor.description.listed_sensors import ListedSensor
 from rotary_error_monitor.description.spindle_section import Spindle
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.stage_section import Encoder, Mirror
-from rotary_error_monitor.description.two_axis_section import Autocollimator, Lvdt
+from rotary_error_monitor.description.two_axis_section import Autocollimator, RadialReference
 from rotary_error_monitor.effects.effect import Cause, place_of
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import RotorState, StageEffect, effects_of
@@ -41,7 +41,7 @@ STAGE = StageDescription(
         radial_thermal=(3e-7, -1e-7),
         axial=(AngularHarmonic(1, 2e-7, -1e-7), AngularHarmonic(3, 1e-7, 3e-7)),
     ),
-    lvdt=Lvdt(height=0.06, noise=5e-8, artefact_eccentricity=(4e-6, 2e-6)),
+    lvdt=RadialReference(height=0.06, noise=5e-8, artefact_eccentricity=(4e-6, 2e-6)),
     sensors={
         "axial_probe_top": ListedSensor(
             "axial_probe",

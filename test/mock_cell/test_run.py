@@ -18,7 +18,7 @@ from nodes.probes import stage_with_probes
 from rotary_error_monitor.cli import main
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.description.wire import load_wire
-from rotary_error_monitor.metrology.lvdt_comparison import LvdtComparison
+from rotary_error_monitor.metrology.radial_comparison import RadialComparison
 from rotary_error_monitor.mock_cell import run as mock_run
 from rotary_error_monitor.mock_cell.figures import BoundedFigure, _maximum, table
 from rotary_error_monitor.mock_cell.run import RunOutcome, _end_together
@@ -191,7 +191,7 @@ def test_where_the_largest_difference_stands_is_said_if_it_is_too_large():
     spike[1234, 1] = -1.5e-6
     std = np.full((2000, 2), 1e-7)
     told = {
-        size: table([_maximum("h", LvdtComparison(stamps, reference + size * spike, reference, std), 1_000_000_000)])
+        size: table([_maximum("h", RadialComparison(stamps, reference + size * spike, reference, std), 1_000_000_000)])
         for size in (0.1, 1.0)
     }
     assert told[0.1].endswith("0.150  at most 0.500  ok")

@@ -17,7 +17,7 @@ from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.description.wire import wire_of
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
-from rotary_error_monitor.mock_cell.figures import lvdt_comparisons
+from rotary_error_monitor.mock_cell.figures import reference_comparisons
 from rotary_error_monitor.mock_cell.recorded import RecordedTopics
 from rotary_error_monitor.pipeline.estimation import Estimator
 from rotary_error_monitor.plant import StagePlant
@@ -108,7 +108,7 @@ def test_a_replay_repeats_the_bits_and_the_lvdt_agrees(tmp_path):
     assert np.array_equal(np.nan_to_num(replayed.error_motion), motion.components)
     height = OWN.lvdt.height
     whole = SimpleNamespace(heights=[(height, EPOCH, EPOCH + 6_000_000_000)])
-    found = dict(lvdt_comparisons(whole, RecordedTopics(bag, [wire.topic("lvdt_samples")]), wire, OWN, replayed))[
+    found = dict(reference_comparisons(whole, RecordedTopics(bag, [wire.topic("lvdt_samples")]), wire, OWN, replayed))[
         height
     ]
     assert len(found.stamp_ns) > 3000 and found.rms < 0.1e-6

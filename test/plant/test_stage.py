@@ -13,7 +13,7 @@ from rotary_error_monitor.description.harmonics import AngularHarmonic, PlanarHa
 from rotary_error_monitor.description.spindle_section import Spindle
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.stage_section import Encoder, Mirror
-from rotary_error_monitor.description.two_axis_section import Autocollimator, Lvdt, Turbulence
+from rotary_error_monitor.description.two_axis_section import Autocollimator, RadialReference, Turbulence
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant.clocks import Clock, stage_clocks
 from rotary_error_monitor.plant.environment import intermittent_forces
@@ -48,7 +48,7 @@ STAGE = StageDescription(
         tilt_compliance=5e-8,
         radial_thermal=(-8.7e-8, 4.2e-7),
     ),
-    lvdt=Lvdt(0.06, 5e-8, (2.6e-6, -7.2e-6)),
+    lvdt=RadialReference(0.06, 5e-8, (2.6e-6, -7.2e-6)),
 )
 TIME = np.linspace(0, 40, 4001)
 
@@ -147,7 +147,7 @@ def test_autocollimator_sees_a_large_tilt_exactly() -> None:
 
 def test_lvdt_sees_the_exact_rotation_of_the_artefact() -> None:
     spindle = Spindle(tilt=(PlanarHarmonic(0, (0.1, 0.0), (0.0, 0.0)),))
-    plant = StagePlant(replace(STAGE, spindle=spindle, lvdt=Lvdt(0.06, 0.0)), 1)
+    plant = StagePlant(replace(STAGE, spindle=spindle, lvdt=RadialReference(0.06, 0.0)), 1)
     expected = np.tile([0.0, -0.06 * np.sin(0.1)], (len(TIME), 1))
     np.testing.assert_allclose(plant.signal("lvdt", TIME), expected, rtol=0, atol=1e-15)
 

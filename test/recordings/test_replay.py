@@ -14,7 +14,7 @@ from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.cli import main
 from rotary_error_monitor.description.stage import TIMINGS, load_stage
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.metrology.lvdt_comparison import compare_with_lvdt
+from rotary_error_monitor.metrology.radial_comparison import compare_radial
 from rotary_error_monitor.recordings.replay import replay_bag
 
 PERIOD = 1_000_000
@@ -30,7 +30,7 @@ def test_radial_error_motion_follows_the_lvdt(case):
     (blocks,) = BagReader(case / "bag").read_blocks(["/stage/lvdt/samples"]).values()
     times = np.concatenate([block.times_ns for block in blocks])
     radial = np.concatenate([block.columns(("radial_x", "radial_y")) for block in blocks])
-    found = compare_with_lvdt(result.stamp_ns, result.motion, stage.lvdt, times, radial, PERIOD)
+    found = compare_radial(result.stamp_ns, result.motion, stage.lvdt, times, radial, PERIOD)
     assert len(found.stamp_ns) > 0.99 * 39_900
     assert found.rms <= 0.10e-6
     assert found.maximum <= 0.5e-6

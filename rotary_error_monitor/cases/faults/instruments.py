@@ -1,4 +1,4 @@
-"""Faults of what measures: ring, read heads, mirror, autocollimator and LVDT."""
+"""Faults of what measures: ring, read heads, mirror, autocollimator and reference."""
 
 from __future__ import annotations
 
@@ -218,11 +218,11 @@ class LvdtArtefact(StageFault):
 
     def describe(self, stage: StageDescription) -> StageDescription:
         """Shifted artefact."""
-        if stage.lvdt is None:
+        if stage.reference is None:
             return stage
-        x, y = stage.lvdt.artefact_eccentricity
+        x, y = stage.reference.artefact_eccentricity
         centre = (x + self.shift[0], y + self.shift[1])
-        return replace(stage, lvdt=replace(stage.lvdt, artefact_eccentricity=centre))
+        return stage.with_reference(replace(stage.reference, artefact_eccentricity=centre))
 
 
 @vocabulary("lvdt_height")
@@ -233,6 +233,6 @@ class LvdtHeight(StageFault):
 
     def describe(self, stage: StageDescription) -> StageDescription:
         """Other height."""
-        if stage.lvdt is None:
+        if stage.reference is None:
             return stage
-        return replace(stage, lvdt=replace(stage.lvdt, height=stage.lvdt.height + self.offset))
+        return stage.with_reference(replace(stage.reference, height=stage.reference.height + self.offset))

@@ -127,7 +127,7 @@ class OilFilm(StageFault):
 
 @unnamed("probe_curvature")
 class ProbeCurvature(StageFault):
-    """The LVDT's characteristic is bent: it shows the square of what it touches, beside it."""
+    """The reference's characteristic is bent: it shows the square of what it touches, beside it."""
 
     quadratic: float
 

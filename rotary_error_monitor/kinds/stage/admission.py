@@ -32,7 +32,7 @@ def check_noise(streams: Iterable[str], std: Mapping[str, float]) -> None:
 
     Args:
         streams: names of the sensors that take part.
-        std: standard deviation of one sample of each instrument, rounding included: head, autocollimator, lvdt, and
+        std: standard deviation of one sample of each instrument, rounding included: head, autocollimator, reference and
             listed sensors by their streams.
 
     Raises:
@@ -55,7 +55,7 @@ def check_extent(recording: StageRecording, raw: Signals, noise: Mapping[str, fl
     Args:
         recording: what was measured.
         raw: (n, k) measured minus predicted of each sensor.
-        noise: standard deviation of one sample of each instrument: head, autocollimator, lvdt, listed sensors.
+        noise: standard deviation of one sample of each instrument: head, autocollimator, reference, listed sensors.
 
     Raises:
         InputError: it lasts too little; the message says what can be said all the same.

@@ -50,7 +50,7 @@ class Statement:
     """What the twin states of one order in one instrument, and what the recording shows.
 
     Attributes:
-        instrument: `head`, `autocollimator`, `lvdt`, or the stream of a listed sensor.
+        instrument: `head`, `autocollimator`, or the stream of a listed sensor.
         order: per turn.
         stated: amplitude, root mean square over the instrument's components, rad or m.
         measured: the same of the recording.

@@ -15,8 +15,8 @@ import numpy as np
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import StageDescription
-from rotary_error_monitor.description.streams import LVDT
-from rotary_error_monitor.description.two_axis_section import Lvdt
+from rotary_error_monitor.description.streams import OWN_REFERENCE, REFERENCE_TITLE
+from rotary_error_monitor.description.two_axis_section import RadialReference
 from rotary_error_monitor.effects.effect import Cause, Role, place_of
 from rotary_error_monitor.gap.telling_apart import advise_best, distance
 from rotary_error_monitor.kinds.stage.rows import StageRows
@@ -31,8 +31,8 @@ SAMPLES = 2000
 PART_OF_A_TURN = 35
 """Degrees by which a probe is moved around the axis: no order below 72 looks the same from there."""
 
-PROBE = Lvdt(height=0.1, noise=5e-8)
-"""What a stage without an LVDT could be measured with."""
+PROBE = RadialReference(height=0.1, noise=5e-8)
+"""What a stage without a reference could be measured with."""
 
 
 @dataclass(frozen=True)
@@ -42,21 +42,22 @@ class Experiment:
     words: str
     inputs: StageInputs
     stage: StageDescription
-    with_lvdt: bool
 
 
 def advise(problem: StageRows, keys: Sequence[Key], causes: Sequence[Cause]) -> str:
     """Words for the measurement that tells the first of these effects apart from the others best."""
     first = next(cause for cause in causes if cause.key == tuple(keys[0]))
     rivals = [_at_zero(problem, key) for key in keys[1:]]
-    old = _Measurement(problem, problem.twin.inputs, problem.stage, LVDT in problem.twin.times)
+    # a reference that took no part is left out
+    stage = problem.stage if OWN_REFERENCE in problem.twin.times else problem.stage.with_reference(None)
+    old = _Measurement(problem, problem.twin.inputs, stage)
     known = old.shown(first), [old.columns(rival) for rival in rivals]
     scored = []
     named = {place_of(place) for _, place in keys}
-    moved = _with_probes_moved(problem, (stream for stream in problem.stage.sensors if stream in named))
-    warmed = _with_places_warmed(problem, (place for place in problem.stage.thermometers if place in named))
-    for experiment in (*_experiments(problem), *moved, *warmed):
-        new = _Measurement(problem, experiment.inputs, experiment.stage, experiment.with_lvdt)
+    moved = _with_probes_moved(problem, stage, (stream for stream in stage.sensors if stream in named))
+    warmed = _with_places_warmed(problem, stage, (place for place in stage.thermometers if place in named))
+    for experiment in (*_experiments(problem, stage), *moved, *warmed):
+        new = _Measurement(problem, experiment.inputs, experiment.stage)
         wanted = np.concatenate([known[0], new.shown(first)])
         tables = [np.concatenate([seen, new.columns(r)]) for seen, r in zip(known[1], rivals, strict=True)]
         scored.append((min(distance(wanted, table) for table in tables), experiment.words))
@@ -64,39 +65,37 @@ def advise(problem: StageRows, keys: Sequence[Key], causes: Sequence[Cause]) -> 
     return advise_best(scored, f"{others}: the best one")
 
 
-def _experiments(problem: StageRows) -> Iterable[Experiment]:
-    stage, plain = problem.stage, problem.twin.inputs
+def _experiments(problem: StageRows, stage: StageDescription) -> Iterable[Experiment]:
+    described, plain = problem.stage, problem.twin.inputs
     duration = problem.recording.duration
-    lvdt = LVDT in problem.twin.times
 
     def turn(by: float) -> StageInputs:
         return replace(plain, command=_scaled(plain.command, by), omega=_scaled(plain.omega, by))
 
-    yield Experiment("record again with the directions of rotation exchanged", turn(-1.0), stage, lvdt)
-    yield Experiment("record again at twice the speed", turn(2.0), stage, lvdt)
-    yield Experiment("record again at a third of the speed", turn(1 / 3), stage, lvdt)
+    yield Experiment("record again with the directions of rotation exchanged", turn(-1.0), stage)
+    yield Experiment("record again at twice the speed", turn(2.0), stage)
+    yield Experiment("record again at a third of the speed", turn(1 / 3), stage)
     loaded = replace(plain, force=_circling)
-    yield Experiment("record again with a force of 100 N on the shaft from changing sides", loaded, stage, lvdt)
+    yield Experiment("record again with a force of 100 N on the shaft from changing sides", loaded, stage)
     warming = replace(plain, warming=partial(_rising, duration))
-    yield Experiment("record again while the stage warms by 5 K", warming, stage, lvdt)
-    if stage.lvdt is None:
-        probed = replace(stage, lvdt=PROBE)
-        words = f"add an LVDT {PROBE.height * 1e3:.0f} mm above the ring and record again"
-        yield Experiment(words, plain, probed, True)
+    yield Experiment("record again while the stage warms by 5 K", warming, stage)
+    if described.reference is None:
+        probed = stage.with_reference(PROBE)
+        words = f"add an {REFERENCE_TITLE} {PROBE.height * 1e3:.0f} mm above the ring and record again"
+        yield Experiment(words, plain, probed)
     else:
-        if not lvdt:
-            yield Experiment("record again with the LVDT", plain, stage, True)
-        moved = replace(stage, lvdt=replace(stage.lvdt, height=2 * stage.lvdt.height + 0.05))
-        yield Experiment("record again with the LVDT at another height", plain, moved, True)
+        if stage.reference is None:
+            yield Experiment(f"record again with the {REFERENCE_TITLE}", plain, described)
+        moved = stage.with_reference(replace(described.reference, height=2 * described.reference.height + 0.05))
+        yield Experiment(f"record again with the {REFERENCE_TITLE} at another height", plain, moved)
     for letter in sorted(stage.azimuths)[:1]:
         azimuths = {**stage.azimuths, letter: stage.azimuths[letter] + np.radians(20)}
         shifted = replace(stage, encoder=replace(stage.ring, azimuths=azimuths))
-        yield Experiment(f"move head {letter} by 20° along the ring and record again", plain, shifted, lvdt)
+        yield Experiment(f"move head {letter} by 20° along the ring and record again", plain, shifted)
 
 
-def _with_probes_moved(problem: StageRows, streams: Iterable[str]) -> Iterator[Experiment]:
+def _with_probes_moved(problem: StageRows, stage: StageDescription, streams: Iterable[str]) -> Iterator[Experiment]:
     """Listed sensors somewhere else around the axis: the form of a target comes later there, error motion does not."""
-    stage = problem.stage
     for stream in streams:
         sensor = stage.sensors[stream]
         if len(sensor.fields) > 1:  # the form of its target is by orders of the rotation, wherever it stands
@@ -105,16 +104,16 @@ def _with_probes_moved(problem: StageRows, streams: Iterable[str]) -> Iterator[E
         moved = replace(sensor, place={**sensor.place, "azimuth": azimuth})
         words = f"move {stream} by {PART_OF_A_TURN}° around the axis and record again"
         there = replace(stage, sensors={**stage.sensors, stream: moved})
-        yield Experiment(words, problem.twin.inputs, there, LVDT in problem.twin.times)
+        yield Experiment(words, problem.twin.inputs, there)
 
 
-def _with_places_warmed(problem: StageRows, places: Iterable[str]) -> Iterator[Experiment]:
+def _with_places_warmed(problem: StageRows, stage: StageDescription, places: Iterable[str]) -> Iterator[Experiment]:
     """Places of thermometers that warm as the others do not."""
     plain, duration = problem.twin.inputs, problem.recording.duration
     for place in places:
         warmings: dict[str, Callable[[Array], Array]] = {**plain.warmings, place: partial(_rising, duration)}
         words = f"record again while {place} warms by 5 K more than the other thermometers"
-        yield Experiment(words, replace(plain, warmings=warmings), problem.stage, LVDT in problem.twin.times)
+        yield Experiment(words, replace(plain, warmings=warmings), stage)
 
 
 def _rising(duration: float, time: Array) -> Array:
@@ -143,17 +142,17 @@ class _Measurement:
         problem: the recording that it varies.
         inputs: what drives the stage.
         stage: the stage as it stands then.
-        lvdt: whether the LVDT takes part.
     """
 
-    def __init__(self, problem: StageRows, inputs: StageInputs, stage: StageDescription, lvdt: bool) -> None:
+    def __init__(self, problem: StageRows, inputs: StageInputs, stage: StageDescription) -> None:
         self._problem = problem
         time = np.linspace(0.0, problem.recording.duration, SAMPLES)
-        streams = [name for name in problem.twin.times if name != LVDT] + [LVDT] * lvdt
-        self._twin = StageTwin(stage, inputs, dict.fromkeys(streams, time))
-        self._std = dict(problem.noise.std)
-        if problem.stage.lvdt is None and stage.lvdt is not None:
-            self._std[LVDT] = stage.lvdt.noise
+        streams, self._std = dict.fromkeys(problem.twin.times, time), dict(problem.noise.std)
+        if stage.reference is not None:
+            streams[OWN_REFERENCE] = time
+            if problem.stage.reference is None:  # its noise is not among those of the recording
+                self._std[OWN_REFERENCE] = stage.reference.noise
+        self._twin = StageTwin(stage, inputs, streams)
         self._base = self._rows(())
 
     def shown(self, cause: Cause) -> Array:

@@ -1,4 +1,4 @@
-"""Radial error motion held against a reference on an artefact, such as an LVDT (Lou et al. 2019, Figures 13-15)."""
+"""Radial error motion held against a reference on an artefact (Lou et al. 2019, Figures 13-15)."""
 
 from __future__ import annotations
 
@@ -6,10 +6,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rotary_error_monitor.arrays import Times
-from rotary_error_monitor.description.two_axis_section import Lvdt
+from rotary_error_monitor.arrays import Array, Times
+from rotary_error_monitor.description.two_axis_section import RadialReference
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.error_motion import (
     ErrorMotion,
@@ -26,20 +25,20 @@ BOUND = 1.959964
 
 
 @dataclass(frozen=True)
-class LvdtComparison:
+class RadialComparison:
     """Estimated radial error motion minus the reference's along p directions, at m times.
 
     Attributes:
         stamp_ns: (m,) timestamp (ns).
-        estimate: (m, p) radial error motion at the reference's height, m; p is 2 of an LVDT, 1 of a probe.
+        estimate: (m, p) radial error motion at the reference's height, m; p is 2 of two axes, 1 of a probe.
         reference: (m, p) the reference's, its artefact's eccentricity removed, m.
         std: (m, p) standard deviation of the difference by propagation, m.
     """
 
     stamp_ns: Times
-    estimate: NDArray[np.float64]
-    reference: NDArray[np.float64]
-    std: NDArray[np.float64]
+    estimate: Array
+    reference: Array
+    std: Array
 
     @property
     def rms(self) -> float:
@@ -56,22 +55,22 @@ class LvdtComparison:
         """Part of the differences inside their 95 % bounds."""
         return float(np.mean(np.abs(self.estimate - self.reference) <= BOUND * self.std))
 
-    def along(self, axis: int) -> LvdtComparison:
+    def along(self, axis: int) -> RadialComparison:
         """The same along one of the directions."""
         one = slice(axis, axis + 1)
-        return LvdtComparison(self.stamp_ns, self.estimate[:, one], self.reference[:, one], self.std[:, one])
+        return RadialComparison(self.stamp_ns, self.estimate[:, one], self.reference[:, one], self.std[:, one])
 
 
 @dataclass(frozen=True)
-class LvdtAgreement:
-    """How far estimate and LVDT differ: what `LvdtComparison` says by the same names."""
+class RadialAgreement:
+    """How far estimate and reference differ: what `RadialComparison` says by the same names."""
 
     rms: float
     maximum: float
     inside: float
 
     @staticmethod
-    def of(comparisons: Iterable[LvdtComparison]) -> LvdtAgreement | None:
+    def of(comparisons: Iterable[RadialComparison]) -> RadialAgreement | None:
         """Of comparisons at other times, one behind another; None without any."""
         squares, count, maximum, inside = np.zeros(2), 0, 0.0, 0.0
         for each in comparisons:
@@ -79,19 +78,19 @@ class LvdtAgreement:
             count += len(each.stamp_ns)
             maximum = max(maximum, each.maximum)
             inside += each.inside * len(each.stamp_ns)
-        return LvdtAgreement(float(np.sqrt(squares / count).max()), maximum, inside / count) if count else None
+        return RadialAgreement(float(np.sqrt(squares / count).max()), maximum, inside / count) if count else None
 
 
-def compare_with_lvdt(
-    stamp_ns: Times, motion: ErrorMotion, lvdt: Lvdt, times_ns: Times, radial: NDArray[np.float64], period_ns: int
-) -> LvdtComparison:
+def compare_radial(
+    stamp_ns: Times, motion: ErrorMotion, reference: RadialReference, times_ns: Times, radial: Array, period_ns: int
+) -> RadialComparison:
     """Compare at the times of the estimate where both are known.
 
     Args:
         stamp_ns: (n,) times of the estimate, ticks of `period_ns`.
         motion: error motion at these times.
-        lvdt: where the LVDT stands.
-        times_ns: (k,) times of the LVDT's samples.
+        reference: where the reference stands.
+        times_ns: (k,) times of the reference's samples.
         radial: (k, 2) the samples, m.
         period_ns: distance of two estimates, ns.
 
@@ -101,12 +100,14 @@ def compare_with_lvdt(
     sampled = resample(times_ns, radial, stamp_ns, period_ns, MAX_GAP_NS)
     both = sampled.valid & motion.observable[:, [0, 1, 3, 4]].all(axis=1)
     if not both.any():
-        raise InputError("LVDT and estimate have no time in common, or radial and tilt error motion are not observable")
-    spread = radial_covariance_at(motion.covariance[both], lvdt.height)
-    noise = sampled.gain[both] * lvdt.noise**2
-    return LvdtComparison(
+        raise InputError(
+            "reference and estimate have no time in common, or radial and tilt error motion are not observable"
+        )
+    spread = radial_covariance_at(motion.covariance[both], reference.height)
+    noise = sampled.gain[both] * reference.noise**2
+    return RadialComparison(
         stamp_ns[both],
-        radial_error_motion_at(motion.components[both], lvdt.height),
-        sampled.values[both] - rotate(lvdt.artefact_eccentricity, motion.theta[both]),
+        radial_error_motion_at(motion.components[both], reference.height),
+        sampled.values[both] - rotate(reference.artefact_eccentricity, motion.theta[both]),
         np.sqrt(np.stack([spread[:, 0, 0], spread[:, 1, 1]], axis=1) + noise[:, None]),
     )
