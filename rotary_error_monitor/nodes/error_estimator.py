@@ -266,7 +266,8 @@ class ErrorEstimator(ManagedNode):
         used = self._heads_used()
         if not used:
             return "no head is there" if len(self.stage.azimuths) > 1 else "the head is not there"
-        return f"{_alone(used)}; without a command that is believed nothing tells a fault of theirs"
+        heads = " and ".join(used)
+        return f"{heads} alone do not tell rotation from displacement, and there is no command that is believed"
 
     def _heads_used(self) -> list[str]:
         """Streams of the heads that are there and believed."""
@@ -294,7 +295,8 @@ class ErrorEstimator(ManagedNode):
         yield Level.WARN, f"not observable: {', '.join(hidden)}" if hidden and not silent else ""
         yield Level.WARN, "" if possible else "the sensors of the stage determine no component of error motion"
         if used := [] if silent or is_mixed(self.stage) or belief.heads.tells_rotation else self._heads_used():
-            yield Level.WARN, f"{_alone(used)}: it is as sure as the ring is in place"
+            heads = " and ".join(used)
+            yield Level.WARN, f"the rotation is as sure as the ring is in place, for there is {heads} alone"
         if belief.heads.lost:
             yield Level.WARN, "redundancy is lost: a further fault of a head would show only as a step"
         if belief.heads.unsettled:
@@ -356,12 +358,6 @@ class ErrorEstimator(ManagedNode):
             "unresolved_tilt_urad": belief.verdict.unresolved_tilt * 1e6,
             "unseen_graduation_orders": " ".join(map(str, status.unseen_orders)),
         }
-
-
-def _alone(heads: Sequence[str]) -> str:
-    """That heads see displacement as rotation, in words."""
-    do = "does" if len(heads) == 1 else "do"
-    return f"{' and '.join(heads)} alone {do} not tell rotation from displacement; two opposed heads do, or three"
 
 
 main = program(ErrorEstimator, "error_estimator")

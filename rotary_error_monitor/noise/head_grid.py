@@ -30,6 +30,17 @@ class HeadGrid:
     time: Array
     period: float
 
+    def present_of(self, kept: Mapping[str, Mask]) -> Mask:
+        """(m, heads) which heads were read at each instant, by the samples (n,) of each head that are kept."""
+        present = self.present.copy()
+        for i, name in enumerate(self.heads):
+            present[self.rows[name], i] &= kept[name]
+        return present
+
+    def width(self, signals: Mapping[str, Array]) -> int:
+        """Number of columns of the heads' signals."""
+        return next(int(signals[name].shape[-1]) for name in self.heads if name in signals)
+
     def lay_out(self, table: Array, signals: Mapping[str, Array], kept: Mapping[str, Mask], columns: slice) -> None:
         """Put some columns of signals into a table (heads, p, m), the heads one after the other.
 

@@ -97,7 +97,7 @@ class StageNoise:
         command, least = recording.streams[COMMAND], self.std[HEAD] / np.sqrt(max(len(self.grid.heads), 1))
         apart = apart_between_samples(command, self.grid, self._head_times, least)
         self.spikes = self._find_spikes(stage, residual, command, apart)
-        self._present = self._heads_present()
+        self._present = self.grid.present_of(self._kept)
         self.uncommanded = between_samples(command, self.grid.time, least) | apart
         self.row_weight = np.where(apart, 0.0, weight_of_rows(self.grid, self._weights))
         for name in self.grid.heads:  # filters go on over turning points, as over a command that is not known
@@ -303,7 +303,7 @@ class StageNoise:
 
     def shared(self, signals: Mapping[str, Array]) -> tuple[Array, NDArray[np.bool_]]:
         """Mean over the heads (m, p) that are present, and where at least half of them are and the command is known."""
-        width, count = self._width(signals), len(self.grid.time)
+        width, count = self.grid.width(signals), len(self.grid.time)
         mean = np.empty((width, count))
         for columns in few_at_once(width, count):
             table = np.empty((len(self.grid.heads), columns.stop - columns.start, count))
@@ -350,13 +350,6 @@ class StageNoise:
             found[name] = find_spikes(residual[name], std, self._streams[name], command)
         return found
 
-    def _heads_present(self) -> NDArray[np.bool_]:
-        """(m, heads) which heads were read at each instant."""
-        present = self.grid.present.copy()
-        for i, name in enumerate(self.grid.heads):
-            present[self.grid.rows[name], i] &= self._kept[name]
-        return present
-
     @property
     def _heads(self) -> HeadRows:
         if self._kept_heads is None:
@@ -368,16 +361,12 @@ class StageNoise:
         """(m,) whether at least half of the heads were read."""
         return np.asarray(self._heads.count * 2 >= len(self.grid.heads), bool)
 
-    def _width(self, signals: Mapping[str, Array]) -> int:
-        """Number of columns of the heads' signals."""
-        return next(int(signals[name].shape[-1]) for name in self.grid.heads if name in signals)
-
     def _mean(self, table: Array) -> Array:
         """(p, m) mean over the heads that are present."""
         return np.asarray(table.sum(axis=0) / np.maximum(self._heads.count, 1), np.float64)
 
     def _of_heads(self, signals: Mapping[str, Array]) -> dict[str, Array]:
-        several, width, count = self._heads.count > 1, self._width(signals), len(self.grid.time)
+        several, width, count = self._heads.count > 1, self.grid.width(signals), len(self.grid.time)
         weight = self._heads.weight * several / self.std[HEAD]
         weights, late = self._present.T * weight, self._heads.late
         table, mean = np.empty((len(self.grid.heads), width, count)), np.empty((width, count))

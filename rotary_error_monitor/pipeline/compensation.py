@@ -25,7 +25,7 @@ from rotary_error_monitor.machine.limits import CorrectionState
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.corrections import CompensationOutput, CorrectionMaker, CorrectionSettings
 from rotary_error_monitor.pipeline.holding import Holding
-from rotary_error_monitor.pipeline.input_checks import InputChecks, Tolerances
+from rotary_error_monitor.pipeline.input_checks import InputChecks, Tolerances, without_command
 from rotary_error_monitor.pipeline.joints import AxisPositions, JointTrack, unpack_directions
 from rotary_error_monitor.pipeline.live_components import Carrier
 from rotary_error_monitor.pipeline.poses import TimedPoses
@@ -267,7 +267,7 @@ class Compensator:
         if not usable.any():
             self.holding.begin(int(ticks[-1]))
             return CompensationOutput()
-        motion, commanded = _without_command(motion, checked.command), checked.commanded
+        motion, commanded = without_command(motion, checked.command), checked.commanded
         if not usable.all():
             chosen = np.flatnonzero(usable)
             motion, axes, commanded, temperature = (
@@ -393,12 +393,3 @@ class Compensator:
         directions = unpack_directions(packed, len(self._machine.letters))
         temperature = np.array([each.temperature for each in used])
         return replace(found, directions=directions), temperature
-
-
-def _without_command(motion: ErrorMotion, believed: NDArray[np.bool_]) -> ErrorMotion:
-    """Error motion whose positioning component is not observable where the command is not believed."""
-    if believed.all():
-        return motion
-    observable = motion.observable.copy()
-    observable[~believed, 5] = False
-    return replace(motion, observable=observable)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -265,3 +265,12 @@ class InputChecks:
                 f"{difference * 1e6:.3g} µrad apart"
             )
         return tuple(remarks)
+
+
+def without_command(motion: ErrorMotion, believed: Mask) -> ErrorMotion:
+    """Error motion whose positioning component is not observable where the command is not believed."""
+    if believed.all():
+        return motion
+    observable = motion.observable.copy()
+    observable[~believed, 5] = False
+    return replace(motion, observable=observable)
