@@ -13,12 +13,15 @@ from rotary_error_monitor.description.stage import StageDescription, load_stage
 from rotary_error_monitor.description.topics import stream_of_topic
 from rotary_error_monitor.signals.blocks import SampleBlock
 
+DUMPER = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+"""In C, as the package reads: thousands of stages are written."""
+
 
 def stage_of(content: Mapping[str, Any]) -> StageDescription:
     """The stage that a file with this section describes."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "stage.yaml"
-        path.write_text(yaml.safe_dump({"stage": content}, sort_keys=False), encoding="utf-8")
+        path.write_text(yaml.dump({"stage": content}, Dumper=DUMPER, sort_keys=False), encoding="utf-8")
         return load_stage(path)
 
 

@@ -117,6 +117,7 @@ def arrange_machine(machine: MachineDescription) -> MachineModel:
     turn = _cross_matrix(direction[:, rotary])
     linear_direction = direction.copy()
     linear_direction[:, rotary] = 0.0
+    ideal, actual, small = _all_fixtures(tool, workpiece, machine.letters)
     return MachineModel(
         letters=machine.letters,
         tool_axes=tuple(numbers[body.axis] for body in tool if body.axis),
@@ -127,9 +128,9 @@ def arrange_machine(machine: MachineDescription) -> MachineModel:
         turn=turn,
         turn_twice=compose(turn, turn),
         monitored=numbers[machine.monitored] if machine.monitored else None,
-        ideal=_fixtures(tool, workpiece, machine.letters, with_errors=False),
-        actual=_fixtures(tool, workpiece, machine.letters, with_errors=True),
-        small=_small_fixtures(tool, workpiece, machine.letters),
+        ideal=ideal,
+        actual=actual,
+        small=small,
         components=arrange_components(machine),
         uncertainty=dict(machine.uncertainty),
     )
@@ -203,6 +204,14 @@ def _follow(moved: list[Array], end: Array, count: int) -> Branch:
 
 # Kept, here and below, because a fit arranges a machine for each parameter moved: most of them move no body.
 @functools.lru_cache(maxsize=256)
+def _all_fixtures(
+    tool: tuple[Body, ...], workpiece: tuple[Body, ...], letters: tuple[str, ...]
+) -> tuple[Fixtures, Fixtures, SmallFixtures]:
+    """Those without and with location errors, and these errors in first order: as one, for bodies take long to hash."""
+    ideal, actual = (_fixtures(tool, workpiece, letters, with_errors=errors) for errors in (False, True))
+    return ideal, actual, _small_fixtures(tool, workpiece, letters)
+
+
 def _fixtures(
     tool: tuple[Body, ...], workpiece: tuple[Body, ...], letters: tuple[str, ...], *, with_errors: bool
 ) -> Fixtures:
@@ -227,7 +236,6 @@ def _fixed(displacement: Displacement) -> Array:
     return _read_only(transform(rotation_by(_column(displacement.rotation)), _column(displacement.shift)))
 
 
-@functools.lru_cache(maxsize=256)
 def _small_fixtures(tool: tuple[Body, ...], workpiece: tuple[Body, ...], letters: tuple[str, ...]) -> SmallFixtures:
     axes = np.zeros((6, len(letters), 1))
     ends = []

@@ -77,6 +77,7 @@ class JointChecks:
 
     def __init__(self, machine: MachineDescription) -> None:
         self._axes = machine.axes
+        self._can = [(axis.fastest, axis.quickest, LEAST_STEP[axis.kind]) for axis in machine.axes]
         self._fastest = np.array([axis.fastest for axis in machine.axes])
         self._steps = AxisSteps(machine.axes)
         self._low, self._high = np.transpose([_reach(axis) for axis in machine.axes])
@@ -123,8 +124,9 @@ class JointChecks:
         if paused:
             self.velocities.pause()
         wrong = self._beyond(row, unnamed)
+        velocities = None if wrong else self._velocities(speeds)
         if not wrong:
-            said = self._said(speeds)
+            said = self._none if velocities is None else np.abs(velocities)
             self._pace = np.maximum(self._pace, np.minimum(said, self._fastest))
             jumped = self._jumped(stamp_ns, row, paused=paused)
             frozen = self._freezes.judge(JointPositions(stamp_ns, row), said, self._recent)
@@ -133,7 +135,7 @@ class JointChecks:
         if wrong:
             self.velocities.interrupt()
         else:
-            wrong = self._contradicted(stamp_ns, row, speeds)
+            wrong = self._contradicted(stamp_ns, row, velocities)
         if wrong:
             reason = next(name for name in (BEYOND_TRAVEL, JUMP, FROZEN, CONTRADICTED, UNCONFIRMED) if name in wrong)
             self.refused[reason] += 1
@@ -147,12 +149,9 @@ class JointChecks:
             self._good, self._back_ns = self._recent[-1], None
         return ""
 
-    def _contradicted(self, stamp_ns: int, row: NDArray[np.float64], speeds: Mapping[str, float]) -> str:
-        """What is said against positions by the velocities that came with them."""
-        said = None
-        if speeds and not _are_signs(speeds):
-            said = np.array([speeds.get(axis.letter, 0.0) for axis in self._axes])
-        wrong = self.velocities.judge(stamp_ns, row, said)
+    def _contradicted(self, stamp_ns: int, row: NDArray[np.float64], velocities: NDArray[np.float64] | None) -> str:
+        """What is said against positions by the velocities (axes,) that came with them."""
+        wrong = self.velocities.judge(stamp_ns, row, velocities)
         if wrong:  # no course that speaks against another, and no place to come back to
             self._since_ns, self._good = stamp_ns, None
         return wrong
@@ -264,14 +263,16 @@ class JointChecks:
         """Which axes went further than they can, from the speed that they had."""
         found = []
         known = (self._speed.tolist(), self._pace.tolist(), self._freezes.still.tolist())
-        for i, (axis, moved, speed, pace, still) in enumerate(zip(self._axes, step.tolist(), *known, strict=True)):
+        about = passed + STAMP_JITTER
+        for i, (can, moved, speed, pace, still) in enumerate(zip(self._can, step.tolist(), *known, strict=True)):
             if math.isnan(moved) or moved == 0.0:  # one that stands is no jump; `_frozen` looks at it
                 continue
+            fastest, quickest, least = can
             # a controller that stalled repeats a position, says that it moves, and makes up for it afterwards
-            furthest = axis.fastest * (passed + STAMP_JITTER) + LEAST_STEP[axis.kind] + 2.0 * still
+            furthest = fastest * about + least + 2.0 * still
             # a speed is not known before the second position; then it lacks what jitter of stamps makes of it
-            allowed = axis.quickest * passed * (passed + STAMP_JITTER) + pace * STALL + 2.0 * still
-            off = abs(moved - speed * passed) > allowed + LEAST_STEP[axis.kind]  # false for an unknown speed
+            allowed = quickest * passed * about + pace * STALL + 2.0 * still
+            off = abs(moved - speed * passed) > allowed + least  # false for an unknown speed
             if abs(moved) > furthest or off:
                 found.append(i)
         return found
@@ -286,16 +287,16 @@ class JointChecks:
         steps = self._steps(state.row - good.row)
         return bool((np.isnan(steps) | (np.abs(steps) <= self._fastest * (passed + STAMP_JITTER))).all())
 
-    def _said(self, speeds: Mapping[str, float]) -> NDArray[np.float64]:
-        """Pace of each axis as the controller says it, m/s or rad/s; 0 where it says nothing."""
-        if _are_signs(speeds):
-            return self._none
-        return np.array([abs(speeds.get(axis.letter, 0.0)) for axis in self._axes]) if speeds else self._none
+    def _velocities(self, speeds: Mapping[str, float]) -> NDArray[np.float64] | None:
+        """(axes,) velocities as the controller says them, m/s or rad/s, 0 where it says nothing of an axis."""
+        if not speeds or _are_signs(speeds):
+            return None
+        return np.array([speeds.get(axis.letter, 0.0) for axis in self._axes])
 
 
 def _are_signs(speeds: Mapping[str, float]) -> bool:
     """Whether these are signs of the travel, as recordings of static poses have them."""
-    return len(speeds) > 1 and {abs(speed) for speed in speeds.values()} == {1.0}
+    return len(speeds) > 1 and all(abs(speed) == 1.0 for speed in speeds.values())
 
 
 def _is_endless(axis: Axis) -> bool:

@@ -87,6 +87,9 @@ class JointFreezes:
             self._stands, self.suspect = stands, bool(self._abrupt.any())
             self._fades_from = np.where(begins, self._pace_said, self._fades_from)
         self._pace_said = said
+        if not stands.any():  # as mostly: nothing below is about an axis that moves
+            self.still = np.zeros(len(self._axes))
+            return ""
         fades = said <= self._fades_from * np.exp((self._stood_ns - stamp_ns) * (0.5e-9 / LAG))
         counts = stands & ~(fades & (said < self._fades_from))
         self.still += np.where(counts, said * min((stamp_ns - last.stamp_ns) * 1e-9, PAUSE), 0.0)

@@ -7,7 +7,7 @@ from collections import deque
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from rotary_error_monitor.arrays import Mask
+from rotary_error_monitor.arrays import Array, Mask
 from rotary_error_monitor.metrology.error_motion import COMPONENTS, ErrorMotion
 
 LASTS_NS = 500_000_000
@@ -37,8 +37,9 @@ class MotionStands:
 
     def forget(self) -> None:
         """Forget what was before."""
-        self._before: deque[ErrorMotion] = deque()
-        self._kept = 0  # ticks of them
+        nothing = np.full((LONGEST, len(COMPONENTS)), np.nan)  # which equals nothing
+        self._before: deque[tuple[Array, Mask]] = deque([(nothing, np.zeros(nothing.shape, np.bool_))])
+        self._kept = LONGEST  # ticks of them, as many at least
         self._sums: list[float] = []  # of the components of each of the last ticks
         # by the number of ticks, last first
         self._since_ns, self._since = np.zeros(LONGEST, np.int64), np.zeros(LONGEST)
@@ -67,23 +68,29 @@ class MotionStands:
 
     def _keep(self, motion: ErrorMotion) -> None:
         """Keep what the next ticks may repeat."""
-        self._before.append(motion)
+        self._before.append((motion.components, motion.observable))
         self._kept += len(motion.theta)
-        while self._kept - len(self._before[0].theta) >= LONGEST:
-            self._kept -= len(self._before.popleft().theta)
+        while self._kept - len(self._before[0][0]) >= LONGEST:
+            self._kept -= len(self._before.popleft()[0])
+
+    def _latest(self) -> tuple[Array, Mask]:
+        """(LONGEST, 6) components of the last ticks, the oldest first, and which of them were observable.
+
+        They are kept as one piece from here on: what repeats itself does so tick after tick, and is asked for at each.
+        """
+        components, seen = (np.concatenate(parts)[-LONGEST:] for parts in zip(*self._before, strict=True))
+        self._before, self._kept = deque([(components, seen)]), LONGEST
+        return components, seen
 
     def _repeats(self, motion: ErrorMotion) -> Mask:
         """(m, LONGEST) whether each tick has the bits of the one so many before, the oldest first."""
-        nothing = np.full((LONGEST, len(COMPONENTS)), np.nan)  # which equals nothing
-        before = np.concatenate([nothing, *(each.components for each in self._before)])[-LONGEST:]
-        was_seen = np.concatenate([np.zeros_like(nothing, np.bool_), *(each.observable for each in self._before)])
-        components = np.concatenate([before, motion.components])
-        seen = np.concatenate([was_seen[-LONGEST:], motion.observable])
+        before, was_seen = self._latest()
+        earlier = sliding_window_view(np.concatenate([before, motion.components])[:-1], LONGEST, axis=0)
         same: Mask = np.repeat((motion.observable.sum(axis=1) >= LEAST)[:, None], LONGEST, axis=1)
-        for now, earlier, is_seen in zip(motion.components.T, components[:-1].T, motion.observable.T, strict=True):
-            same &= (now[:, None] == sliding_window_view(earlier, LONGEST)) | ~is_seen[:, None]
+        for component, (now, is_seen) in enumerate(zip(motion.components.T, motion.observable.T, strict=True)):
+            same &= (now[:, None] == earlier[:, component]) | ~is_seen[:, None]
             if not same.any():  # mostly at the first one
                 return same
-        for is_seen, earlier in zip(motion.observable.T, seen[:-1].T, strict=True):
-            same &= is_seen[:, None] == sliding_window_view(earlier, LONGEST)
+        seen = sliding_window_view(np.concatenate([was_seen, motion.observable])[:-1], LONGEST, axis=0)
+        same &= (motion.observable[:, :, None] == seen).all(axis=1)
         return same

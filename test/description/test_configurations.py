@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from described_stages import stage_of
+from described_stages import DUMPER, stage_of
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 from motion_numbers import numbers_of
@@ -72,7 +72,7 @@ def load(kind: str, content: Any, folder: Path) -> Any:
     path = folder / f"{kind}.yaml"
     for other in folder.iterdir():
         other.unlink()
-    path.write_text(yaml.safe_dump(content, sort_keys=False, allow_unicode=True), encoding="utf-8")
+    path.write_text(yaml.dump(content, Dumper=DUMPER, sort_keys=False, allow_unicode=True), encoding="utf-8")
     try:
         return LOADERS[kind](path)
     except InputError as error:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -73,8 +75,8 @@ def find_frequency(position: Array, signal: Array, lowest: float, highest: float
     width = CELL / highest
     cells = ((position - position.min()) / width).astype(np.intp)
     length = int(2 ** np.ceil(np.log2(5 * span / width)))
-    at, waves = np.fft.rfft(np.bincount(cells), length), np.fft.rfft(np.bincount(cells, centred), length)
     places = np.arange(1 + int(highest * length * width))
+    at, waves = _sums(cells.tobytes(), length, 2 * len(places)), np.fft.rfft(np.bincount(cells, centred), length)
     frequencies = places / (length * width)
     gains = _explained(waves[places], at[places], at[2 * places], len(position))
     allowed = frequencies >= lowest
@@ -83,6 +85,17 @@ def find_frequency(position: Array, signal: Array, lowest: float, highest: float
     exact = np.exp(-2j * np.pi * np.outer(fine, position))
     gains = _explained(exact @ centred, exact.sum(axis=1), np.square(exact).sum(axis=1), len(position))
     return float(fine[int(np.argmax(gains))])
+
+
+@lru_cache(maxsize=8)
+def _sums(cells: bytes, length: int, count: int) -> ComplexArray:
+    """(count,) sums of the slowest waves over all positions, from the numbers of the cells in which these are.
+
+    Kept, because effect after effect and fit after fit is looked for at the same positions.
+    """
+    found: ComplexArray = np.fft.rfft(np.bincount(np.frombuffer(cells, np.intp)), length)[:count].copy()
+    found.flags.writeable = False
+    return found
 
 
 def _explained(rows: ComplexArray, once: ComplexArray, twice: ComplexArray, count: int) -> Array:
