@@ -109,7 +109,7 @@ DRAWN := $(addprefix test/,analysis/test_trend.py analysis/test_whole_recording.
 	$(addprefix commissioning/test_,command.py late_instruments.py travel.py) \
 	$(addprefix faults/test_,all_late.py begin.py beyond_limits.py calibrated.py common_zero.py ends.py far_commands.py fast_stages.py \
 	few_heads.py gaps.py giving_drives.py heads_clock.py heads_left.py machine_faults.py recordings.py recovery.py responses.py sampled_commands.py \
-	own_motion.py sampled_heads.py scattered_samples.py spiking_heads.py stuck_axis.py two_faults.py) $(addprefix kinds/mount/test_,periods.py problem.py slow_noise.py) \
+	own_motion.py sampled_heads.py scattered_samples.py spiking_heads.py stuck_axis.py two_faults.py unchecked_probes.py) $(addprefix kinds/mount/test_,periods.py problem.py slow_noise.py) \
 	$(addprefix kinds/machine/test_,departures.py warming.py) $(addprefix kinds/quadrature/test_,noise.py problem.py) \
 	noise/test_listed_noise.py \
 	$(addprefix kinds/stage/test_,added_forms.py arc.py braked.py diagnosis.py forces.py gain_over_time.py jumping_thermometers.py late_thermometers.py no_gap.py noise_by_speed.py one_head.py \

@@ -11,6 +11,7 @@ from rotary_error_monitor.description.listed_sensors import ListedSensor
 from rotary_error_monitor.metrology.agreement import chi_square_bound
 from rotary_error_monitor.metrology.repeated_readings import run_by_chance
 from rotary_error_monitor.pipeline.evidence import AGREEMENT, LONG, SHORT, SIGMAS
+from rotary_error_monitor.pipeline.first_turn import OWN, FirstTurn
 from rotary_error_monitor.pipeline.tilt_belief import STANDING, STAYED
 from rotary_error_monitor.pipeline.turn_memory import ANGLES, TurnMemory
 
@@ -33,6 +34,7 @@ class SensorWindow:
         theta: mean rotation, rad.
         reading: mean of what the sensor says.
         surplus: mean of what is not predicted of the displacement.
+        undescribed: mean of what the description alone does not predict of it.
         scatter: variance of the ticks' surplus about a straight line; 0 where they are too few to tell.
         own_scatter: the same of what the description alone does not predict: other sensors' noise is not in it.
         own: variance of a tick by noise of the sensor.
@@ -52,6 +54,7 @@ class SensorWindow:
     theta: float
     reading: float
     surplus: float
+    undescribed: float
     scatter: float
     own_scatter: float
     own: float
@@ -102,8 +105,9 @@ class SensorBelief:
 
     What is looked for: a value that stands still where noise or what is predicted must move it, a step that no bearing
     makes, a displacement beyond what the stage can do or what the other sensors allow, and noise beyond what is
-    stated. What others see as well must be where it was a turn ago. What is doubted is believed again once it has
-    agreed for `AGREEMENT` with what it was before.
+    stated. What others see as well must be where it was a turn ago; where no other would contradict it, what is not as
+    in the first turn may be its own, and counts as uncertain. What is doubted is believed again once it has agreed for
+    `AGREEMENT` with what it was before.
 
     Attributes:
         doubt: why the sensor is not believed; empty while it is.
@@ -129,7 +133,8 @@ class SensorBelief:
         self.middle, self.reach = 0.0, math.inf
         self._recent: deque[float] = deque(maxlen=SHORT)
         self._course: deque[tuple[float, float, float, float]] = deque(maxlen=LONG)
-        self._turn, self._stamps = TurnMemory(), TurnMemory()
+        self._turn, self._stamps, self._first = TurnMemory(), TurnMemory(), FirstTurn()
+        self._own: deque[float] = deque(maxlen=LONG)  # the rotor may go the other way for a while
         self._gone_since: deque[tuple[float, float, float]] = deque(maxlen=SHORT)
         self._before = 0.0
         self._agreeing = self._near = 0.0
@@ -165,8 +170,8 @@ class SensorBelief:
         noise = self._noise_scale() * math.hypot(window.deviation, before[1])
         return window.surplus - before[0], math.hypot(noise, window.stamps) + self._blurred(window, turned) / SIGMAS
 
-    def judge(self, window: SensorWindow) -> None:
-        """Take in a window."""
+    def judge(self, window: SensorWindow, *, checked: bool = True) -> None:
+        """Take in a window; whether what all others show has `checked` what the sensor does."""
         stuck = self._is_stuck(window) or self._stands(window)
         step = self._step(window)
         if step:
@@ -192,13 +197,15 @@ class SensorBelief:
                 self.doubt = ""
         if not self.doubt:
             self._recent.append(window.surplus)
+            self._first.follow(window.number, window.theta, (window.undescribed, 0.0))
             # until all that others see of it is there, as of an autocollimator that begins late, it is another surplus
             if self._shifted == 0.0 and window.unknown == 0.0:
                 turned = self._turned(window)
                 self._turn.put(window.theta, turned, (window.surplus, window.deviation))
                 self._stamps.put(window.theta, turned, (window.stamps, 0.0))
         self._last = window
-        unseen = max(self._gone, self._moved(window), self._shifted)
+        self._own.append(0.0 if checked else self._own_of(window))
+        unseen = max(self._gone, self._moved(window), self._shifted, *self._own)
         self.scale = math.sqrt(self._own_excess.factor + unseen**2 / window.own)
         # one tick is less sure than the mean of a window, and may be a window and a half away
         noise = window.deviation * math.sqrt(1.0 + window.samples) * self._noise_scale()
@@ -298,6 +305,11 @@ class SensorBelief:
                 return f"{size} from where it was at this angle a turn ago; other sensors did not see that"
             self._shifted = gone if gone > 0.5 * near else 0.0  # less is noise
         return ""
+
+    def _own_of(self, window: SensorWindow) -> float:
+        """Standard deviation of what is not as in the first turn: of the rotor, or of a sensor that is off."""
+        off, noise = self._first.unrepeated, self._noise_scale() * math.sqrt(2.0) * window.deviation
+        return off / OWN if off > SIGMAS * noise else 0.0
 
     def _blurred(self, window: SensorWindow, turned: float) -> float:
         """What the surplus may change by within the angle to which an angle of a turn ago is found again."""

@@ -19,7 +19,7 @@ from rotary_error_monitor.metrology.error_motion import (
     described_error_motion,
     reading_variance,
 )
-from rotary_error_monitor.metrology.rigid_motion import LEAST_VARIANCE
+from rotary_error_monitor.metrology.rigid_motion import LEAST_VARIANCE, redundant_sensors
 from rotary_error_monitor.pipeline.evidence import INDEX, SIGMAS
 from rotary_error_monitor.pipeline.verdict import DOUBTS
 from rotary_error_monitor.sensors.library import listed_fields, listed_sensitivity
@@ -130,6 +130,7 @@ class ListedReadings:
         self.late = [f.stream for f, timing in zip(listed_fields(stage), self._timing, strict=True) if timing]
         self._spindle, self._commanded = stage.spindle, stage.encoder is None
         self.fields = listed_fields(stage)
+        self._checked: dict[tuple[bytes, bytes], NDArray[np.bool_]] = {}
         self.sensitivity = listed_sensitivity(self.fields)
         limits = stage.limits
         most = np.array([*limits.components[:5], 0.0])
@@ -145,6 +146,21 @@ class ListedReadings:
         self._through_air = np.where(alone, self.sensitivity[:, 3:5] ** 2, 0.0)
         self._air = air.std**2 if air else 0.0
         self._forms = np.array([sum(row.cos**2 + row.sin**2 for row in form) for form in forms])
+
+    def checked(self, known: NDArray[np.bool_], used: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """(p,) which fields are of sensors whose fault would show in what all the others say.
+
+        Args:
+            known: (6,) components that others show.
+            used: (p,) fields that are used; of the others it is true.
+        """
+        case = known.tobytes(), used.tobytes()
+        if case not in self._checked:
+            owner = np.array([field.number for field in self.fields], np.intp)
+            owners, own = np.unique(owner[used], return_inverse=True)
+            seen = redundant_sensors(known, self.sensitivity[used], own)
+            self._checked[case] = ~np.isin(owner, owners[~seen])
+        return self._checked[case]
 
     def make(
         self,

@@ -364,9 +364,10 @@ class ListedSensors:
             for place, window in windows.items()
             if believed[place] and (change := self._judges[place].change(window)) is not None
         }
+        checked = self._readings.checked(shown.observable[0], self._believed() & shown.there.all(axis=0))
         for place, judge in enumerate(self._judges):
             if place in windows:
-                judge.judge(windows[place])
+                judge.judge(windows[place], checked=bool(checked[place]))
             else:
                 judge.pause()
         if tilt_shown:

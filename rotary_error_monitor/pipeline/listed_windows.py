@@ -50,6 +50,7 @@ def sensor_windows(
                 float(shown.theta.sum() / ticks),
                 float(shown.raw[:, place].sum() / ticks),
                 float(surplus.sum() / ticks),
+                float(shown.undescribed[:, place].sum() / ticks),
                 _scatter(surplus),
                 _scatter(shown.undescribed[:, place]),
                 float(shown.noise[:, place].sum() / ticks),
