@@ -105,9 +105,9 @@ class SensorBelief:
 
     What is looked for: a value that stands still where noise or what is predicted must move it, a step that no bearing
     makes, a displacement beyond what the stage can do or what the other sensors allow, and noise beyond what is
-    stated. What others see as well must be where it was a turn ago; where no other would contradict it, what is not as
-    in the first turn may be its own, and counts as uncertain. What is doubted is believed again once it has agreed for
-    `AGREEMENT` with what it was before.
+    stated. What others see as well must be where it was a turn ago; once no other would contradict it any more, what is
+    not as in the first turn, in which they did not, may be its own, and counts as uncertain. What is doubted is
+    believed again once it has agreed for `AGREEMENT` with what it was before.
 
     Attributes:
         doubt: why the sensor is not believed; empty while it is.
@@ -197,7 +197,7 @@ class SensorBelief:
                 self.doubt = ""
         if not self.doubt:
             self._recent.append(window.surplus)
-            self._first.follow(window.number, window.theta, (window.undescribed, 0.0))
+            self._first.follow(window.number, window.theta, (window.undescribed, 0.0), sure=checked)
             # until all that others see of it is there, as of an autocollimator that begins late, it is another surplus
             if self._shifted == 0.0 and window.unknown == 0.0:
                 turned = self._turned(window)
