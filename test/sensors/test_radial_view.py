@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from sensors.test_sensors import Posed
 
 from rotary_error_monitor.description.harmonics import AngularHarmonic
 from rotary_error_monitor.description.listed_sensors import ListedSensor
@@ -16,22 +17,6 @@ from rotary_error_monitor.sensors.library import listed_kind, sensor_kinds, sens
 from rotary_error_monitor.sensors.listed import ListedKind
 
 COUNT = 50
-
-
-@dataclass(frozen=True)
-class Posed:
-    """A rotor that moves and leans as it is told."""
-
-    stage: StageDescription
-    state: RotorState
-    moved: np.ndarray
-    leaning: np.ndarray
-
-    def radial(self):
-        return self.moved.copy()
-
-    def tilt(self):
-        return self.leaning.copy()
 
 
 def probe(rng: np.random.Generator) -> ListedSensor:
