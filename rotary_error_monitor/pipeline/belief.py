@@ -296,7 +296,8 @@ class Belief:
         self.verdict = self._conclude()
 
     def _judge_by_heads(self, window: EvidenceWindow) -> None:
-        if self._mixed is None and not self.heads.tells_rotation:  # those that are left of more
+        # Those that are left of more; also of a window in which some fell silent.
+        if self._mixed is None and not self.heads.tell_rotation(self._heads_there(window.available)):
             self.tilt.judge(window)
             self.command.judge_vaguely(window, self._mixed_in)
             return

@@ -142,7 +142,12 @@ class HeadBelief:
     @property
     def tells_rotation(self) -> bool:
         """Whether the heads in use tell the rotation free of the ring's displacement."""
-        return bool(self._believed) and self._layout(self._believed).tells_rotation
+        return self.tell_rotation(self._believed)
+
+    def tell_rotation(self, available: Sequence[str]) -> bool:
+        """The same of those that are believed of the heads `available`; also where none is."""
+        believed = tuple(name for name in available if name not in self.doubted)
+        return not believed or self._layout(believed).tells_rotation
 
     @property
     def lost(self) -> bool:

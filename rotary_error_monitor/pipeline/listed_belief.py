@@ -134,7 +134,7 @@ class SensorBelief:
         self._recent: deque[float] = deque(maxlen=SHORT)
         self._course: deque[tuple[float, float, float, float]] = deque(maxlen=LONG)
         self._turn, self._stamps, self._first = TurnMemory(), TurnMemory(), FirstTurn()
-        self._own: deque[float] = deque(maxlen=LONG)  # the rotor may go the other way for a while
+        self._own = 0.0  # largest of what may be its own since no other would contradict it
         self._gone_since: deque[tuple[float, float, float]] = deque(maxlen=SHORT)
         self._before = 0.0
         self._agreeing = self._near = 0.0
@@ -204,8 +204,9 @@ class SensorBelief:
                 self._turn.put(window.theta, turned, (window.surplus, window.deviation))
                 self._stamps.put(window.theta, turned, (window.stamps, 0.0))
         self._last = window
-        self._own.append(0.0 if checked else self._own_of(window))
-        unseen = max(self._gone, self._moved(window), self._shifted, *self._own)
+        # it is no surer because the rotor goes the other way for a while
+        self._own = 0.0 if checked else max(self._own, self._own_of(window))
+        unseen = max(self._gone, self._moved(window), self._shifted, self._own)
         self.scale = math.sqrt(self._own_excess.factor + unseen**2 / window.own)
         # one tick is less sure than the mean of a window, and may be a window and a half away
         noise = window.deviation * math.sqrt(1.0 + window.samples) * self._noise_scale()
@@ -309,7 +310,7 @@ class SensorBelief:
     def _own_of(self, window: SensorWindow) -> float:
         """Standard deviation of what is not as in the first turn: of the rotor, or of a sensor that is off."""
         off, noise = self._first.unrepeated, self._noise_scale() * math.sqrt(2.0) * window.deviation
-        return off / OWN if off > SIGMAS * noise else 0.0
+        return off / OWN if off > 0.5 * SIGMAS * noise else 0.0  # less is noise
 
     def _blurred(self, window: SensorWindow, turned: float) -> float:
         """What the surplus may change by within the angle to which an angle of a turn ago is found again."""

@@ -87,7 +87,7 @@ _TWO_TO_SPARE = 5
 _LATCH = "within 1 s of its end, once nothing has contradicted for 0.5 s"
 _NOTHING = "nothing is needed"
 _REST = "everything, from the other heads"
-_LEFT_OUT = "all, from the other heads, with their larger uncertainty; with fewer than three heads left nothing"
+_LEFT_OUT = "all, from the other heads, with their larger uncertainty; of fewer than three what these determine"
 _ESTIMATOR = "`error_estimator: estimate` names it"
 
 BEHAVIOUR = (

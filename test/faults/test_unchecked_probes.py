@@ -6,18 +6,17 @@ Two radial probes at right angles are beside the one head that is left of more.
 from __future__ import annotations
 
 from collections.abc import Callable
-from copy import deepcopy
 from functools import cache
 
 import numpy as np
 import pytest
 from draws import seeds
-from world import PROBE_FAULTS, Options, Recording, make_recording, random_stage, with_probes
+from world import PROBE_FAULTS, Options, Recording, make_recording
 from world.recording import probe_topic
 
 from faults.judging import TURNING, Judgement, judge
 from faults.recordings import MOST_WRONG
-from faults.test_heads_left import without
+from faults.test_heads_left import described, without
 from rotary_error_monitor.signals.blocks import SampleBlock
 
 STAGES = seeds(12)
@@ -25,15 +24,10 @@ DURATION, SILENT, BEGIN = 12.0, 5.0, 6.0
 """Length of a recording, when all heads but one fall silent, and when the probe goes wrong, s."""
 
 
-def described(seed: int) -> dict[str, object]:
-    drawn = (random_stage(number) for number in range(1000 * seed, 1000 * seed + 1000))
-    return with_probes(deepcopy(next(each for each in drawn if len(each["encoder"]["heads"]) >= 4)), seed)
-
-
 @cache
 def recorded(seed: int) -> Recording:
     options = Options(motion=TURNING[seed % 4], odd_rates=False, peak_speed=4.0, lost_blocks=0.0)
-    section = described(seed)
+    section = described(seed, probes=True)
     whole = make_recording(seed, duration=DURATION, stage=section, options=options)
     return without(whole, {min(section["encoder"]["heads"])}, SILENT, np.inf)
 
